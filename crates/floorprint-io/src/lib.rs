@@ -1,0 +1,1 @@
+//! Readers and writers: everything of Floorprint that touches files.

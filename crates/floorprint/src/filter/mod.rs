@@ -1,0 +1,5 @@
+//! The particle filter.
+
+mod config;
+
+pub use config::{FilterConfig, FilterKind, ResamplerKind};

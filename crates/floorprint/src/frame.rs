@@ -1,0 +1,66 @@
+//! What one step of the filter gets: a scan in the body's frame and the motion since the last.
+
+use crate::geometry::Pose2;
+
+/// A scan together with the odometry that leads to it.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// Number of the scan in the drive, from 0; dropped scans leave gaps.
+    pub index: usize,
+    /// The scan's own stamp, seconds.
+    pub stamp_s: f64,
+    /// Seconds since the previous frame; 0 for the first.
+    pub elapsed_s: f64,
+    /// Odometry: `previous_body_from_body`.
+    pub motion: Pose2,
+    /// Dead reckoning: `start_from_body`, the identity for the first frame.
+    pub dead_reckoning: Pose2,
+    /// The scan in the body's frame.
+    pub scan: BodyScan,
+}
+
+/// A scan's points in the body's frame, filtered by range and (where asked for) de-skewed
+/// to the body's pose at the scan's stamp.
+#[derive(Debug, Clone, Default)]
+pub struct BodyScan {
+    /// Where the LiDAR is in the body's frame, metres.
+    pub origin_m: [f64; 2],
+    /// Where rays ended on something, in the order of the beams.
+    pub hits: Points,
+    /// Up to where rays without a return are taken to be free; empty when they are ignored.
+    pub free_ends: Points,
+}
+
+/// Points of the plane, stored by coordinate so that loops over them vectorise.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Points {
+    /// x of each point, metres.
+    pub x_m: Vec<f32>,
+    /// y of each point, metres.
+    pub y_m: Vec<f32>,
+}
+
+impl Points {
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.x_m.len()
+    }
+
+    /// Whether there is no point.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.x_m.is_empty()
+    }
+
+    /// Appends a point, metres.
+    pub fn push(&mut self, x_m: f32, y_m: f32) {
+        self.x_m.push(x_m);
+        self.y_m.push(y_m);
+    }
+
+    /// The points in order, metres.
+    pub fn iter(&self) -> impl Iterator<Item = [f32; 2]> + '_ {
+        self.x_m.iter().zip(&self.y_m).map(|(&x, &y)| [x, y])
+    }
+}

@@ -1,0 +1,9 @@
+//! Poses, angles and sensor mounts.
+
+mod angle;
+mod pose2;
+mod pose3;
+
+pub use angle::wrap_angle;
+pub use pose2::Pose2;
+pub use pose3::{Mount, Pose3};

@@ -1,0 +1,23 @@
+//! Particle-filter SLAM: trajectory, occupancy grid and colour floor map from a robot's drive.
+//!
+//! The library is pure: no files, no clock, no printing, no global state. Records of
+//! sensors go in, poses and maps come out; the same input, configuration and seed
+//! give the same bytes for any number of threads.
+
+pub mod config;
+pub mod evaluation;
+pub mod filter;
+mod frame;
+pub mod geometry;
+pub mod map;
+pub mod odometry;
+mod profiler;
+pub mod random;
+pub mod scan_matcher;
+pub mod sensors;
+pub mod simulator;
+pub mod texture;
+
+pub use config::Config;
+pub use frame::{BodyScan, Frame, Points};
+pub use profiler::{NoProfiler, Phase, Profiler};

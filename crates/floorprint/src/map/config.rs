@@ -1,0 +1,25 @@
+//! `[map]`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[map]`: the occupancy grid (report §III.A.2).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct MapConfig {
+    /// Side of a cell, metres.
+    pub resolution_m: f64,
+    /// Log-odds added to the cell in which a ray ends; the report's 4 log 9.
+    pub hit_log_odds: f64,
+    /// Log-odds taken off the cells that a ray passes; the report's log 9.
+    pub pass_log_odds: f64,
+    /// Log-odds stay within ± this; the report's 100.
+    pub limit_log_odds: f64,
+}
+
+impl Default for MapConfig {
+    fn default() -> Self {
+        let log_gamma = 9.0_f64.ln();
+        Self { resolution_m: 0.05, hit_log_odds: 4.0 * log_gamma, pass_log_odds: log_gamma, limit_log_odds: 100.0 }
+    }
+}

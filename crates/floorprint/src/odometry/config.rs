@@ -1,0 +1,101 @@
+//! `[odometry]` and `[scan]`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[odometry]`: how dead reckoning is made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OdometryConfig {
+    /// Where the motion between scans comes from.
+    pub source: OdometrySource,
+    /// How the gyro's bias is found.
+    pub gyro_bias: GyroBias,
+    /// Cut-off of a low-pass on the yaw rate, Hz; 0 switches it off.
+    pub gyro_low_pass_hz: f64,
+    /// Whether encoder stamps that are late are moved back to when the ticks must have been counted.
+    pub repair_encoder_stamps: bool,
+}
+
+impl Default for OdometryConfig {
+    fn default() -> Self {
+        Self {
+            source: OdometrySource::Auto,
+            gyro_bias: GyroBias::StandstillWithDrift,
+            gyro_low_pass_hz: 0.0,
+            repair_encoder_stamps: true,
+        }
+    }
+}
+
+/// Where the motion between scans comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OdometrySource {
+    /// The best that the data hold: the log's own poses, else wheels and gyro, else wheels, else scan matching.
+    #[default]
+    Auto,
+    /// Distance and yaw from the wheels.
+    Wheels,
+    /// Distance from the wheels, yaw from the gyro (report eqs. 14–19).
+    WheelsAndGyro,
+    /// The poses that the log itself states.
+    Log,
+    /// None: the scan matcher predicts from the last motion.
+    ScanMatching,
+}
+
+/// How the gyro's bias is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum GyroBias {
+    /// No bias is taken off.
+    None,
+    /// One bias: the mean over all standstill.
+    Standstill,
+    /// The mean of each standstill, interpolated in between where the data show a drift.
+    #[default]
+    StandstillWithDrift,
+}
+
+/// `[scan]`: from raw scans to points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScanConfig {
+    /// Returns nearer than this are not used, metres.
+    pub range_min_m: f64,
+    /// Returns farther than this are not used, metres.
+    pub range_max_m: f64,
+    /// What a ray without a return means.
+    pub no_return: NoReturn,
+    /// Up to where a ray without a return clears the map when `no_return = "clear"`, metres.
+    pub no_return_clear_m: f64,
+    /// Whether points are moved to where they would have been seen at the scan's stamp.
+    pub deskew: bool,
+    /// Use one frame in this many.
+    pub every: usize,
+}
+
+impl Default for ScanConfig {
+    fn default() -> Self {
+        Self {
+            range_min_m: 0.1,
+            range_max_m: 60.0,
+            no_return: NoReturn::Ignore,
+            no_return_clear_m: 5.0,
+            deskew: true,
+            every: 1,
+        }
+    }
+}
+
+/// What a ray without a return means for the map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoReturn {
+    /// Nothing.
+    #[default]
+    Ignore,
+    /// The ray is free up to `no_return_clear_m`.
+    Clear,
+}

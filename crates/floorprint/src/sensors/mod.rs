@@ -1,0 +1,15 @@
+//! What the robot's sensors deliver, and how they are calibrated.
+
+mod encoders;
+mod image;
+mod imu;
+mod record;
+mod robot;
+mod scan;
+
+pub use encoders::EncoderReading;
+pub use image::{ColorImage, DisparityImage};
+pub use imu::ImuReading;
+pub use record::{Record, StampedPose};
+pub use robot::{CameraConfig, LidarConfig, RobotConfig, StampAt, WheelConfig};
+pub use scan::{Ray, Scan, ScanGeometry};

@@ -1,0 +1,41 @@
+//! The one stream that every reader yields.
+
+use super::{EncoderReading, ImuReading, Scan};
+use crate::geometry::Pose2;
+
+/// A sensor's message, in the order in which it is to be processed.
+///
+/// Images are not part of the stream: they are read when the floor is painted.
+#[derive(Debug, Clone)]
+pub enum Record {
+    /// A turn of the LiDAR.
+    Scan(Scan),
+    /// Ticks of the wheels.
+    Encoders(EncoderReading),
+    /// A reading of the IMU.
+    Imu(ImuReading),
+    /// A pose that the robot's own odometry states.
+    Odometry(StampedPose),
+}
+
+impl Record {
+    /// Time of the record, seconds.
+    #[must_use]
+    pub fn stamp_s(&self) -> f64 {
+        match self {
+            Self::Scan(scan) => scan.stamp_s,
+            Self::Encoders(reading) => reading.stamp_s,
+            Self::Imu(reading) => reading.stamp_s,
+            Self::Odometry(stamped) => stamped.stamp_s,
+        }
+    }
+}
+
+/// A pose at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StampedPose {
+    /// Time, seconds.
+    pub stamp_s: f64,
+    /// The pose; whose and in which frame is said where it is used.
+    pub pose: Pose2,
+}

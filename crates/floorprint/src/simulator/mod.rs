@@ -1,0 +1,1 @@
+//! Simulated worlds and sensors with exact truth.

@@ -1,0 +1,5 @@
+//! The colour map of the floor.
+
+mod config;
+
+pub use config::TextureConfig;
