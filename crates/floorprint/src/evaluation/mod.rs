@@ -1,1 +1,31 @@
 //! How good a result is, where the truth is known.
+
+mod relations;
+mod stamp_index;
+mod statistics;
+mod trajectory_error;
+
+pub use relations::{PoseError, Relation, RelationGroup, RelationReport, relation_errors};
+pub use stamp_index::StampIndex;
+pub use statistics::ErrorStatistics;
+pub use trajectory_error::{Alignment, RelativeError, Span, TrajectoryError, TrajectoryErrorOptions};
+
+use thiserror::Error;
+
+/// Why an evaluation gives no figures.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum EvaluationError {
+    /// Estimate and truth share no moment.
+    #[error(
+        "none of the {estimates} estimated poses has a true pose at its time: the estimate spans \
+         {estimate_span}, the truth {truth_span}; check that both use the same clock"
+    )]
+    NoCommonTime {
+        /// Poses of the estimate.
+        estimates: usize,
+        /// First and last stamp of the estimate, as text.
+        estimate_span: String,
+        /// First and last stamp of the truth, as text.
+        truth_span: String,
+    },
+}

@@ -7,9 +7,10 @@
 
 use super::angle::wrap_angle;
 use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
 
 /// A pose in the plane: a translation in metres and a heading in radians.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Pose2 {
     /// Position along the parent frame's x axis, metres.
     pub x: f64,
