@@ -10,10 +10,12 @@ pub struct FilterConfig {
     /// Which filter runs.
     pub kind: FilterKind,
     /// Number of particles.
+    #[schemars(range(min = 1, max = 100000))]
     pub particles: usize,
     /// How particles are drawn anew.
     pub resampler: ResamplerKind,
     /// Particles are drawn anew when the effective number falls below this share of them (report eq. 22).
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub resample_below: f64,
 }
 

@@ -8,12 +8,16 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct MapConfig {
     /// Side of a cell, metres.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub resolution_m: f64,
     /// Log-odds added to the cell in which a ray ends; the report's 4 log 9.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub hit_log_odds: f64,
     /// Log-odds taken off the cells that a ray passes; the report's log 9.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub pass_log_odds: f64,
     /// Log-odds stay within ± this; the report's 100.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub limit_log_odds: f64,
 }
 

@@ -12,6 +12,7 @@ pub struct OdometryConfig {
     /// How the gyro's bias is found.
     pub gyro_bias: GyroBias,
     /// Cut-off of a low-pass on the yaw rate, Hz; 0 switches it off.
+    #[schemars(range(min = 0.0))]
     pub gyro_low_pass_hz: f64,
     /// Whether encoder stamps that are late are moved back to when the ticks must have been counted.
     pub repair_encoder_stamps: bool,
@@ -63,16 +64,20 @@ pub enum GyroBias {
 #[serde(deny_unknown_fields, default)]
 pub struct ScanConfig {
     /// Returns nearer than this are not used, metres.
+    #[schemars(range(min = 0.0))]
     pub range_min_m: f64,
     /// Returns farther than this are not used, metres.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub range_max_m: f64,
     /// What a ray without a return means.
     pub no_return: NoReturn,
     /// Up to where a ray without a return clears the map when `no_return = "clear"`, metres.
+    #[schemars(range(min = 0.0))]
     pub no_return_clear_m: f64,
     /// Whether points are moved to where they would have been seen at the scan's stamp.
     pub deskew: bool,
     /// Use one frame in this many.
+    #[schemars(range(min = 1))]
     pub every: usize,
 }
 

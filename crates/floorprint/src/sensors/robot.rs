@@ -27,6 +27,7 @@ pub struct LidarConfig {
     /// Where the LiDAR sits.
     pub mount: Mount,
     /// Time from the first ray of a scan to its last, seconds; 0 when unknown.
+    #[schemars(range(min = 0.0))]
     pub sweep_duration_s: f64,
     /// Which moment of the sweep a scan's stamp names.
     pub stamp_at: StampAt,
@@ -55,6 +56,7 @@ pub struct WheelConfig {
     pub right_m_per_tick: f64,
     /// Distance between the wheels' contact lines that makes the wheels' yaw right, metres.
     /// For a skid-steered robot this is larger than the mechanical track.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub track_width_m: f64,
 }
 
@@ -65,6 +67,7 @@ pub struct CameraConfig {
     /// Where the depth camera sits; its x axis looks ahead (not its optical axis convention).
     pub mount: Mount,
     /// Focal length of the depth camera, pixels.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub depth_focal_px: f64,
     /// Column of the depth camera's principal point, pixels.
     pub depth_center_column_px: f64,
@@ -75,6 +78,7 @@ pub struct CameraConfig {
     /// See `disparity_scale`.
     pub disparity_offset: f64,
     /// `depth = depth_numerator / dd`, metres (eq. 24).
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub depth_numerator_m: f64,
     /// The colour pixel of a depth pixel (eqs. 25–26): column = (`color_focal`·u + `color_baseline`·dd + `color_column_offset`) / `color_divisor`.
     pub color_focal: f64,
@@ -87,7 +91,9 @@ pub struct CameraConfig {
     /// See `color_focal`; 585.051 in the report.
     pub color_divisor: f64,
     /// Depths outside these limits are not used, metres: nearest.
+    #[schemars(range(min = 0.0))]
     pub depth_min_m: f64,
     /// Farthest depth that is used, metres.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub depth_max_m: f64,
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct TextureConfig {
     /// Side of a cell of the floor map, metres.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub resolution_m: f64,
 }
 

@@ -1,0 +1,195 @@
+//! The list of options, read off the documented fields of the configuration's structs.
+//!
+//! An option is declared once, as a field: its doc comment is the help text, its
+//! `schemars` range is what values are checked against. The JSON schema carries both.
+
+use super::Config;
+use super::error::did_you_mean;
+use schemars::schema_for;
+use std::fmt;
+use toml::Value;
+
+/// One option: a leaf of the configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConfigOption {
+    /// Dotted key, `filter.particles`.
+    pub key: String,
+    /// What it means, with its unit.
+    pub description: String,
+    /// What values it takes.
+    pub kind: Kind,
+}
+
+/// What values an option takes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Kind {
+    /// `true` or `false`.
+    Boolean,
+    /// A whole number.
+    Integer(Range),
+    /// A number.
+    Number(Range),
+    /// Any text.
+    Text,
+    /// One of a few words.
+    Choice(Vec<Choice>),
+    /// Several values of one kind.
+    List(Box<Kind>),
+}
+
+/// One of the words that an option takes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Choice {
+    /// The word.
+    pub name: String,
+    /// What it means.
+    pub description: String,
+}
+
+/// Limits of a number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// Least value; −∞ for none.
+    pub minimum: f64,
+    /// Greatest value; ∞ for none.
+    pub maximum: f64,
+    /// Whether `minimum` itself is excluded.
+    pub above_minimum: bool,
+}
+
+/// The JSON schema of a configuration file, for editors and checkers.
+#[must_use]
+pub fn json_schema() -> String {
+    format!("{:#}", schema_for!(Config).as_value())
+}
+
+/// All options, in the order of the configuration's fields.
+#[must_use]
+pub fn options() -> Vec<ConfigOption> {
+    let schema = schema_for!(Config);
+    let mut options = Vec::new();
+    collect(schema.as_value(), schema.as_value(), "", &mut options);
+    options
+}
+
+/// Appends the options below `node` of the schema `root`.
+fn collect(root: &Json, node: &Json, key: &str, options: &mut Vec<ConfigOption>) {
+    let target = follow(root, node);
+    if let Some(properties) = target["properties"].as_object() {
+        for (name, property) in properties {
+            let key = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+            collect(root, property, &key, options);
+        }
+    } else if let Some(kind) = kind_of(root, target) {
+        let text = node["description"].as_str().or(target["description"].as_str()).unwrap_or_default();
+        options.push(ConfigOption { key: key.to_owned(), description: one_line(text), kind });
+    }
+}
+
+type Json = serde_json::Value;
+
+/// The definition that a node refers to, through `$ref` and through `null` alternatives.
+fn follow<'a>(root: &'a Json, node: &'a Json) -> &'a Json {
+    if let Some(pointer) = node["$ref"].as_str().and_then(|reference| reference.strip_prefix('#')) {
+        return root.pointer(pointer).map_or(node, |target| follow(root, target));
+    }
+    let alternatives = node["anyOf"].as_array().map(Vec::as_slice).unwrap_or_default();
+    alternatives.iter().find(|alternative| alternative["type"] != "null").map_or(node, |target| follow(root, target))
+}
+
+fn kind_of(root: &Json, node: &Json) -> Option<Kind> {
+    if let Some(words) = node["oneOf"].as_array().or(node["enum"].as_array()) {
+        let choice = |word: &Json| Choice {
+            name: word["const"].as_str().or(word.as_str()).unwrap_or_default().to_owned(),
+            description: one_line(word["description"].as_str().unwrap_or_default()),
+        };
+        return Some(Kind::Choice(words.iter().map(choice).collect()));
+    }
+    // An optional number has the type ["number", "null"].
+    let kind = node["type"].as_str().or(node["type"][0].as_str())?;
+    let exclusive = node["exclusiveMinimum"].as_f64();
+    let range = Range {
+        minimum: exclusive.or(node["minimum"].as_f64()).unwrap_or(f64::NEG_INFINITY),
+        maximum: node["maximum"].as_f64().unwrap_or(f64::INFINITY),
+        above_minimum: exclusive.is_some(),
+    };
+    match kind {
+        "boolean" => Some(Kind::Boolean),
+        "integer" => Some(Kind::Integer(range)),
+        "number" => Some(Kind::Number(range)),
+        "string" => Some(Kind::Text),
+        "array" => kind_of(root, follow(root, &node["items"])).map(|items| Kind::List(Box::new(items))),
+        _ => None,
+    }
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+impl Kind {
+    /// Whether the option takes `value`; the error is a hint, which may be empty.
+    pub(super) fn check(&self, value: &Value) -> Result<(), String> {
+        let fits = match (self, value) {
+            (Self::Boolean, Value::Boolean(_)) | (Self::Text, Value::String(_)) => true,
+            #[expect(clippy::cast_precision_loss, reason = "limits are small or at the ends of the type")]
+            (Self::Integer(range) | Self::Number(range), Value::Integer(number)) => range.contains(*number as f64),
+            (Self::Number(range), Value::Float(number)) => number.is_finite() && range.contains(*number),
+            (Self::Choice(choices), Value::String(word)) => {
+                if !choices.iter().any(|choice| choice.name == *word) {
+                    return Err(did_you_mean(word, choices.iter().map(|choice| choice.name.as_str()), '"'));
+                }
+                true
+            }
+            (Self::List(items), Value::Array(values)) => return values.iter().try_for_each(|value| items.check(value)),
+            _ => false,
+        };
+        if fits { Ok(()) } else { Err(String::new()) }
+    }
+}
+
+impl Range {
+    fn contains(&self, number: f64) -> bool {
+        let high_enough = if self.above_minimum { number > self.minimum } else { number >= self.minimum };
+        high_enough && number <= self.maximum
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Boolean => write!(formatter, "true or false"),
+            Self::Integer(range) => write!(formatter, "a whole number{range}"),
+            Self::Number(range) => write!(formatter, "a number{range}"),
+            Self::Text => write!(formatter, "text"),
+            Self::Choice(choices) => {
+                let words: Vec<_> = choices.iter().map(|choice| format!("\"{}\"", choice.name)).collect();
+                write!(formatter, "one of {}", words.join(", "))
+            }
+            Self::List(items) => write!(formatter, "a list, each {items}"),
+        }
+    }
+}
+
+impl fmt::Display for Range {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { minimum, maximum, above_minimum } = *self;
+        match (minimum.is_finite(), maximum.is_finite()) {
+            (false, false) => Ok(()),
+            (false, true) => write!(formatter, " ≤ {maximum}"),
+            (true, false) if above_minimum => write!(formatter, " > {minimum}"),
+            (true, false) => write!(formatter, " ≥ {minimum}"),
+            (true, true) if above_minimum => write!(formatter, " above {minimum} and up to {maximum}"),
+            (true, true) => write!(formatter, " from {minimum} to {maximum}"),
+        }
+    }
+}
+
+/// A value as it stands in an error message.
+pub(super) fn render(value: &Value) -> String {
+    match value {
+        Value::Table(_) => "a section".to_owned(),
+        Value::String(text) => format!("the text \"{text}\""),
+        other => other.to_string(),
+    }
+}
