@@ -1,0 +1,110 @@
+//! A recorded drive: the records of its sensors with the calibration of the robot.
+
+use crate::error::ReadError;
+use crate::format::{self, Format};
+use crate::source::Source;
+use floorprint::sensors::{Record, RobotConfig, Scan};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+/// What the user may choose when a data set is opened.
+#[derive(Debug, Clone, Default)]
+pub struct OpenOptions {
+    /// Number of the drive, for folders that hold several.
+    pub drive: Option<u32>,
+}
+
+/// A recorded drive.
+#[derive(Debug)]
+pub struct DataSet {
+    /// The format in which it was stored.
+    pub format: Format,
+    /// The named calibration of the robot that recorded it.
+    pub robot: RobotConfig,
+    /// What the sensors delivered, in the order in which it is to be processed.
+    pub records: Vec<Record>,
+    /// What was found in the files but could not be used.
+    pub dropped: DropCounts,
+    /// Plain sentences for the user: what is missing, what was assumed.
+    pub notes: Vec<String>,
+    /// SHA-256 of the input. Of a single file it is what `sha256sum` prints.
+    pub input_hash: String,
+}
+
+impl DataSet {
+    /// The scans, in order.
+    pub fn scans(&self) -> impl Iterator<Item = &Scan> {
+        self.records.iter().filter_map(|record| match record {
+            Record::Scan(scan) => Some(scan),
+            _ => None,
+        })
+    }
+}
+
+/// Opens the data set at `path`, recognised by its content.
+///
+/// # Errors
+/// When nothing lies there, when no format is recognised, and when the files are damaged
+/// or hold nothing that can be used.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
+    let source = Source::open(path)?;
+    format::recognise(&source)?.read(&source, options)
+}
+
+/// Why a part of the input was not used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DropReason {
+    /// A line that breaks off or does not hold what its kind of line holds.
+    MalformedLine,
+    /// A scan without a single ray.
+    EmptyScan,
+    /// A scan of another laser than the one that is used.
+    OtherLaser,
+}
+
+impl DropReason {
+    /// What it means, for people.
+    #[must_use]
+    pub fn description(self) -> &'static str {
+        match self {
+            Self::MalformedLine => "lines that are cut off or garbled",
+            Self::EmptyScan => "scans without rays",
+            Self::OtherLaser => "scans of lasers that are not used",
+        }
+    }
+}
+
+impl fmt::Display for DropReason {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.description())
+    }
+}
+
+/// How much was not used, by reason.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct DropCounts(BTreeMap<DropReason, usize>);
+
+impl DropCounts {
+    /// Counts one more.
+    pub fn add(&mut self, reason: DropReason) {
+        *self.0.entry(reason).or_default() += 1;
+    }
+
+    /// How many were dropped for `reason`.
+    #[must_use]
+    pub fn count(&self, reason: DropReason) -> usize {
+        self.0.get(&reason).copied().unwrap_or(0)
+    }
+
+    /// The reasons that occurred with their counts.
+    pub fn iter(&self) -> impl Iterator<Item = (DropReason, usize)> + '_ {
+        self.0.iter().map(|(&reason, &count)| (reason, count))
+    }
+
+    /// How many were dropped in all.
+    #[must_use]
+    pub fn total(&self) -> usize {
+        self.0.values().sum()
+    }
+}

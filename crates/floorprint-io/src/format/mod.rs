@@ -1,0 +1,36 @@
+//! The formats of data sets: one file each, recognised by content.
+
+mod carmen;
+
+use crate::data_set::{DataSet, OpenOptions};
+use crate::error::{Problem, ReadError};
+use crate::source::Source;
+
+/// All formats, in the order in which they are tried.
+const FORMATS: [Format; 1] = [carmen::FORMAT];
+
+/// A way in which data sets are stored.
+#[derive(Debug, Clone, Copy)]
+pub struct Format {
+    /// Its short name.
+    pub name: &'static str,
+    /// What it is, in a few words.
+    pub description: &'static str,
+    recognises: fn(&Source) -> bool,
+    read: fn(&Source, &OpenOptions) -> Result<DataSet, ReadError>,
+}
+
+impl Format {
+    /// Reads a data set of this format.
+    pub(crate) fn read(&self, source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
+        (self.read)(source, options)
+    }
+}
+
+/// The format in which `source` is stored.
+pub(crate) fn recognise(source: &Source) -> Result<&'static Format, ReadError> {
+    FORMATS.iter().find(|format| (format.recognises)(source)).ok_or_else(|| {
+        let known: Vec<&str> = FORMATS.iter().map(|format| format.description).collect();
+        Problem::new(source.path(), "its content is of no known format").expected(known.join(", or ")).into()
+    })
+}

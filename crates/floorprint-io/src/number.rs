@@ -1,0 +1,112 @@
+//! Decimal numbers from bytes, fast for the short ones that sensor logs are made of.
+
+/// Powers of ten that a double holds exactly.
+const POWERS_OF_TEN: [f64; 16] =
+    [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+
+/// Most digits whose integer surely fits the 53 bits of a double's mantissa.
+const EXACT_DIGITS: usize = 15;
+
+/// The number that the whole of `token` spells, correctly rounded.
+///
+/// Up to fifteen digits the digits' integer and the power of ten are both exact in a
+/// double, so that one division rounds correctly; everything else (exponents, more
+/// digits, `nan`, `inf`) goes the standard library's slower way.
+pub(crate) fn parse_f64(token: &[u8]) -> Option<f64> {
+    let (negative, digits) = match token {
+        [b'-', rest @ ..] => (true, rest),
+        rest => (false, rest),
+    };
+    let mut mantissa = 0_u64;
+    let mut count = 0;
+    let mut point = None;
+    for (position, &byte) in digits.iter().enumerate() {
+        let digit = byte.wrapping_sub(b'0');
+        if digit < 10 && count < EXACT_DIGITS {
+            mantissa = mantissa * 10 + u64::from(digit);
+            count += 1;
+        } else if byte == b'.' && point.is_none() {
+            point = Some(position + 1);
+        } else {
+            return std::str::from_utf8(token).ok()?.parse().ok();
+        }
+    }
+    if count == 0 {
+        return None;
+    }
+    let decimals = point.map_or(0, |first| digits.len() - first);
+    let value = mantissa as f64 / POWERS_OF_TEN[decimals];
+    Some(if negative { -value } else { value })
+}
+
+/// The tokens of a line, separated by spaces, tabs or commas.
+pub(crate) struct Tokens<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Tokens<'a> {
+    /// The tokens of `line`.
+    pub(crate) fn new(line: &'a [u8]) -> Self {
+        Self { rest: line }
+    }
+
+    /// The next token as a finite number.
+    pub(crate) fn finite(&mut self) -> Option<f64> {
+        parse_f64(self.next()?).filter(|value| value.is_finite())
+    }
+
+    /// The next token as a count.
+    pub(crate) fn count(&mut self) -> Option<usize> {
+        std::str::from_utf8(self.next()?).ok()?.parse().ok()
+    }
+
+    /// The next three tokens as finite numbers.
+    pub(crate) fn triple(&mut self) -> Option<[f64; 3]> {
+        Some([self.finite()?, self.finite()?, self.finite()?])
+    }
+}
+
+impl<'a> Iterator for Tokens<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let separator = |byte: &u8| matches!(byte, b' ' | b'\t' | b',' | b'\r');
+        let start = self.rest.iter().position(|byte| !separator(byte))?;
+        let rest = &self.rest[start..];
+        let end = rest.iter().position(separator).unwrap_or(rest.len());
+        let (token, rest) = rest.split_at(end);
+        self.rest = rest;
+        Some(token)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn what_is_no_number_is_refused() {
+        for token in ["", "-", ".", "-.", "1.2.3", "1x", "0x10", "--1", "1-"] {
+            assert_eq!(parse_f64(token.as_bytes()), None, "{token}");
+        }
+    }
+
+    #[test]
+    fn tokens_are_split_at_blanks_and_commas() {
+        let tokens: Vec<_> = Tokens::new(b"  a\tb, c\r").collect();
+        assert_eq!(tokens, [b"a", b"b", b"c"]);
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_are_the_standard_librarys(text in r"-?[0-9]{0,20}\.?[0-9]{0,20}(e-?[0-9]{1,2})?") {
+            prop_assert_eq!(parse_f64(text.as_bytes()), text.parse::<f64>().ok());
+        }
+
+        #[test]
+        fn any_bytes_are_a_number_or_none(bytes in proptest::collection::vec(any::<u8>(), 0..40)) {
+            let _ = parse_f64(&bytes);
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! The input as it lies on disk: a file's bytes or a folder's listing.
+
+use crate::error::{Problem, ReadError};
+use flate2::read::MultiGzDecoder;
+use sha2::{Digest, Sha256};
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+/// Bytes of a file's beginning by which formats are recognised.
+const HEAD_BYTES: u64 = 1 << 16;
+
+/// What a path leads to.
+pub(crate) enum Source {
+    /// A file.
+    File(FileSource),
+    /// A folder.
+    Folder(FolderSource),
+}
+
+/// A file with its bytes.
+pub(crate) struct FileSource {
+    /// Where it lies.
+    pub(crate) path: PathBuf,
+    /// All its bytes, as they are on disk.
+    bytes: Vec<u8>,
+    /// The first bytes of its content, unpacked.
+    head: Vec<u8>,
+}
+
+/// A folder with what lies in it.
+pub(crate) struct FolderSource {
+    /// Where it lies.
+    pub(crate) path: PathBuf,
+    /// Names of its entries, sorted.
+    pub(crate) names: Vec<String>,
+}
+
+impl Source {
+    /// Looks up `path`.
+    pub(crate) fn open(path: &Path) -> Result<Self, ReadError> {
+        let metadata = fs::metadata(path).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => missing(path).into(),
+            _ => ReadError::io(path, &error),
+        })?;
+        if metadata.is_dir() {
+            let names = folder_names(path).map_err(|error| ReadError::io(path, &error))?;
+            return Ok(Self::Folder(FolderSource { path: path.to_path_buf(), names }));
+        }
+        if !metadata.is_file() {
+            return Err(Problem::new(path, "neither a file nor a folder").expected("a recorded data set").into());
+        }
+        let bytes = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
+        Ok(Self::File(FileSource::new(path, bytes)?))
+    }
+
+    /// Where it lies.
+    pub(crate) fn path(&self) -> &Path {
+        match self {
+            Self::File(file) => &file.path,
+            Self::Folder(folder) => &folder.path,
+        }
+    }
+}
+
+impl FileSource {
+    /// A file with the given bytes.
+    pub(crate) fn new(path: &Path, bytes: Vec<u8>) -> Result<Self, ReadError> {
+        if bytes.is_empty() {
+            return Err(Problem::new(path, "the file is empty").expected("a recorded data set").into());
+        }
+        let mut file = Self { path: path.to_path_buf(), bytes, head: Vec::new() };
+        let mut head = Vec::new();
+        // A damaged file may end early; what its beginning is can be told nevertheless.
+        let _ = file.content().take(HEAD_BYTES).read_to_end(&mut head);
+        file.head = head;
+        Ok(file)
+    }
+
+    /// The content, unpacked if it is gzipped (also in several members).
+    pub(crate) fn content(&self) -> Box<dyn Read + '_> {
+        if self.is_gzip() { Box::new(MultiGzDecoder::new(&self.bytes[..])) } else { Box::new(&self.bytes[..]) }
+    }
+
+    /// The lines by which a text format is recognised: those that end within the file's beginning.
+    pub(crate) fn head_lines(&self) -> impl Iterator<Item = &[u8]> {
+        self.head.split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii)
+    }
+
+    /// SHA-256 of the bytes on disk, as `sha256sum` prints it.
+    pub(crate) fn hash(&self) -> String {
+        hexadecimal(&Sha256::digest(&self.bytes))
+    }
+
+    /// The error for a content that breaks off or cannot be unpacked.
+    pub(crate) fn unreadable(&self, line: usize, error: &io::Error) -> ReadError {
+        let problem = Problem::new(&self.path, error.to_string()).at(format!("after line {line}"));
+        if self.is_gzip() {
+            problem
+                .expected("whole gzip data")
+                .advice("The file was cut off or damaged: fetch it again, or save what is left with `zcat FILE > FILE.log`")
+                .into()
+        } else {
+            problem.into()
+        }
+    }
+
+    fn is_gzip(&self) -> bool {
+        self.bytes.starts_with(&[0x1f, 0x8b])
+    }
+}
+
+/// Bytes as hexadecimal digits.
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    use std::fmt::Write;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+/// Names of a folder's entries, sorted; names that are no text are left out.
+fn folder_names(path: &Path) -> io::Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(path)? {
+        names.extend(entry?.file_name().into_string());
+    }
+    names.sort_unstable();
+    Ok(names)
+}
+
+/// The problem with a path that leads nowhere, with the names most like it.
+fn missing(path: &Path) -> Problem {
+    let problem = Problem::new(path, "there is no such file or folder");
+    let folder = match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    };
+    let Ok(names) = folder_names(folder) else {
+        return problem.advice(format!("The folder {} does not exist either", folder.display()));
+    };
+    let wanted = path.file_name().unwrap_or_default().to_string_lossy();
+    let mut similar: Vec<(f64, String)> =
+        names.into_iter().map(|name| (strsim::jaro_winkler(&wanted, &name), name)).filter(|(likeness, _)| *likeness > 0.8).collect();
+    similar.sort_by(|a, b| b.0.total_cmp(&a.0));
+    match similar.first() {
+        Some((_, name)) => problem.advice(format!("Did you mean {}?", folder.join(name).display())),
+        None => problem,
+    }
+}

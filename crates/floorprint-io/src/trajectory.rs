@@ -1,0 +1,101 @@
+//! Trajectories in the TUM format: lines of `stamp x y z qx qy qz qw`.
+
+use crate::error::{Problem, ReadError, WriteError};
+use crate::number::Tokens;
+use floorprint::geometry::Pose2;
+use floorprint::sensors::StampedPose;
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+/// Writes a trajectory in the plane: seconds to the microsecond, metres, a unit quaternion about z.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_trajectory(path: &Path, trajectory: &[StampedPose]) -> Result<(), WriteError> {
+    fs::write(path, format_trajectory(trajectory)).map_err(|error| WriteError::io(path, &error))
+}
+
+/// The text of a trajectory file.
+fn format_trajectory(trajectory: &[StampedPose]) -> String {
+    let mut text = String::with_capacity(trajectory.len() * 80);
+    for StampedPose { stamp_s, pose } in trajectory {
+        let (qz, qw) = (pose.theta / 2.0).sin_cos();
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{stamp_s:.6} {:.6} {:.6} 0 0 0 {qz:.9} {qw:.9}", pose.x, pose.y);
+    }
+    text
+}
+
+/// Reads a trajectory and projects it onto the plane: z, roll and pitch are left out.
+///
+/// Empty lines and lines beginning with `#` are skipped.
+///
+/// # Errors
+/// When the file cannot be read, or a line does not hold eight finite numbers.
+pub fn read_trajectory(path: &Path) -> Result<Vec<StampedPose>, ReadError> {
+    let text = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
+    parse_trajectory(path, &text)
+}
+
+fn parse_trajectory(path: &Path, text: &[u8]) -> Result<Vec<StampedPose>, ReadError> {
+    let mut trajectory = Vec::new();
+    for (index, line) in text.split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii).enumerate() {
+        if line.is_empty() || line.starts_with(b"#") {
+            continue;
+        }
+        trajectory.push(parse_pose(line).ok_or_else(|| {
+            Problem::new(path, format!("\"{}\"", line.escape_ascii()))
+                .at(format!("line {}", index + 1))
+                .expected("eight finite numbers: stamp x y z qx qy qz qw")
+        })?);
+    }
+    Ok(trajectory)
+}
+
+fn parse_pose(line: &[u8]) -> Option<StampedPose> {
+    let mut tokens = Tokens::new(line);
+    let stamp_s = tokens.finite()?;
+    let [x, y, _z] = tokens.triple()?;
+    let [qx, qy, qz] = tokens.triple()?;
+    let qw = tokens.finite()?;
+    let theta = (2.0 * (qw * qz + qx * qy)).atan2(qw * qw + qx * qx - qy * qy - qz * qz);
+    (qx * qx + qy * qy + qz * qz + qw * qw > 0.0).then(|| StampedPose { stamp_s, pose: Pose2::new(x, y, theta) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use floorprint::geometry::wrap_angle;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read_again(
+            poses in proptest::collection::vec((0.0..2e9_f64, -1e4..1e4_f64, -1e4..1e4_f64, -3.14..3.14_f64), 0..20)
+        ) {
+            let written: Vec<_> = poses
+                .iter()
+                .map(|&(stamp_s, x, y, theta)| StampedPose { stamp_s, pose: Pose2::new(x, y, theta) })
+                .collect();
+            let read = parse_trajectory(Path::new("t.tum"), format_trajectory(&written).as_bytes()).unwrap();
+            prop_assert_eq!(read.len(), written.len());
+            for (a, b) in read.iter().zip(&written) {
+                prop_assert!((a.stamp_s - b.stamp_s).abs() < 1e-6);
+                prop_assert!(a.pose.between(&b.pose).distance() < 2e-6);
+                prop_assert!(wrap_angle(a.pose.theta - b.pose.theta).abs() < 1e-8);
+            }
+        }
+
+        #[test]
+        fn any_bytes_are_a_trajectory_or_an_error(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+            let _ = parse_trajectory(Path::new("t.tum"), &bytes);
+        }
+    }
+
+    #[test]
+    fn a_bad_line_is_named() {
+        let error = parse_trajectory(Path::new("t.tum"), b"# x\n1 2 3 0 0 0 0 1\n1 2 nan 0 0 0 0 1\n").unwrap_err();
+        assert_eq!(error.problem().place, "line 3");
+    }
+}
