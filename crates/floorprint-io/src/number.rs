@@ -1,8 +1,7 @@
 //! Decimal numbers from bytes, fast for the short ones that sensor logs are made of.
 
 /// Powers of ten that a double holds exactly.
-const POWERS_OF_TEN: [f64; 16] =
-    [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+const POWERS_OF_TEN: [f64; 16] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
 
 /// Most digits whose integer surely fits the 53 bits of a double's mantissa.
 const EXACT_DIGITS: usize = 15;

@@ -28,12 +28,10 @@ pub(crate) struct FileSource {
     head: Vec<u8>,
 }
 
-/// A folder with what lies in it.
+/// A folder.
 pub(crate) struct FolderSource {
     /// Where it lies.
     pub(crate) path: PathBuf,
-    /// Names of its entries, sorted.
-    pub(crate) names: Vec<String>,
 }
 
 impl Source {
@@ -44,8 +42,7 @@ impl Source {
             _ => ReadError::io(path, &error),
         })?;
         if metadata.is_dir() {
-            let names = folder_names(path).map_err(|error| ReadError::io(path, &error))?;
-            return Ok(Self::Folder(FolderSource { path: path.to_path_buf(), names }));
+            return Ok(Self::Folder(FolderSource { path: path.to_path_buf() }));
         }
         if !metadata.is_file() {
             return Err(Problem::new(path, "neither a file nor a folder").expected("a recorded data set").into());
@@ -98,7 +95,9 @@ impl FileSource {
         if self.is_gzip() {
             problem
                 .expected("whole gzip data")
-                .advice("The file was cut off or damaged: fetch it again, or save what is left with `zcat FILE > FILE.log`")
+                .advice(
+                    "The file was cut off or damaged: fetch it again, or save what is left with `zcat FILE > FILE.log`",
+                )
                 .into()
         } else {
             problem.into()
@@ -140,8 +139,11 @@ fn missing(path: &Path) -> Problem {
         return problem.advice(format!("The folder {} does not exist either", folder.display()));
     };
     let wanted = path.file_name().unwrap_or_default().to_string_lossy();
-    let mut similar: Vec<(f64, String)> =
-        names.into_iter().map(|name| (strsim::jaro_winkler(&wanted, &name), name)).filter(|(likeness, _)| *likeness > 0.8).collect();
+    let mut similar: Vec<(f64, String)> = names
+        .into_iter()
+        .map(|name| (strsim::jaro_winkler(&wanted, &name), name))
+        .filter(|(likeness, _)| *likeness > 0.8)
+        .collect();
     similar.sort_by(|a, b| b.0.total_cmp(&a.0));
     match similar.first() {
         Some((_, name)) => problem.advice(format!("Did you mean {}?", folder.join(name).display())),
