@@ -1,13 +1,17 @@
 //! How good a result is, where the truth is known.
 
+mod map_quality;
 mod relations;
 mod stamp_index;
 mod statistics;
+mod texture_error;
 mod trajectory_error;
 
+pub use map_quality::{MapQuality, MapQualityOptions};
 pub use relations::{PoseError, Relation, RelationGroup, RelationReport, relation_errors};
 pub use stamp_index::StampIndex;
 pub use statistics::ErrorStatistics;
+pub use texture_error::{FloorImage, TextureError, TextureErrorOptions};
 pub use trajectory_error::{Alignment, RelativeError, Span, TrajectoryError, TrajectoryErrorOptions};
 
 use thiserror::Error;
@@ -28,4 +32,13 @@ pub enum EvaluationError {
         /// First and last stamp of the truth, as text.
         truth_span: String,
     },
+    /// A map shows no wall at all.
+    #[error("the {map} map has no occupied cell; check its thresholds and whether it is negated")]
+    NothingOccupied {
+        /// Which of the two maps.
+        map: &'static str,
+    },
+    /// Estimate and truth share no floor.
+    #[error("no painted cell lies on the true floor; check the origins and resolutions of both pictures")]
+    NoCommonFloor,
 }
