@@ -1,18 +1,22 @@
 //! How good a result is, where the truth is known.
 
+mod camera_footprint;
 mod map_quality;
 mod relations;
 mod stamp_index;
 mod statistics;
 mod texture_error;
 mod trajectory_error;
+mod wall_sharpness;
 
+pub use camera_footprint::camera_footprint;
 pub use map_quality::{MapQuality, MapQualityOptions};
 pub use relations::{PoseError, Relation, RelationGroup, RelationReport, relation_errors};
 pub use stamp_index::StampIndex;
 pub use statistics::ErrorStatistics;
 pub use texture_error::{FloorImage, TextureError, TextureErrorOptions};
 pub use trajectory_error::{Alignment, RelativeError, Span, TrajectoryError, TrajectoryErrorOptions};
+pub use wall_sharpness::WallSharpness;
 
 use thiserror::Error;
 

@@ -42,7 +42,7 @@ impl TextureError {
     ///
     /// The true colour of a cell is the mean of the true floor over the cell's area.
     /// `seen` says for each of its cells whether the camera saw the floor there
-
+    /// (see [`camera_footprint`](super::camera_footprint)).
     ///
     /// # Errors
     /// [`EvaluationError::NoCommonFloor`] when no painted cell lies on the true floor.

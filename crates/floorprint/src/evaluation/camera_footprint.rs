@@ -1,0 +1,116 @@
+//! Which cells of the floor a camera could see on a drive.
+
+use crate::geometry::Pose2;
+use crate::map::{Occupancy, Raster};
+use crate::sensors::CameraConfig;
+use nalgebra::Vector3;
+
+/// Size of the Kinect's images, pixels.
+const COLUMNS: usize = 640;
+const ROWS: usize = 480;
+
+/// The cells of the true map on whose floor the camera had both a depth and a colour pixel.
+///
+/// `world_from_body` are the body's poses when images were taken. A cell counts when a
+/// depth pixel of valid depth looks at it, the colour pixel that belongs to it
+/// (report eqs. 25–26) is inside the colour image, and no cell that is not free lies
+/// between it and the nearest floor that the same image column shows.
+#[must_use]
+pub fn camera_footprint(world_from_body: &[Pose2], camera: &CameraConfig, truth: &Raster<Occupancy>) -> Raster<bool> {
+    let columns: Vec<_> = (0..COLUMNS).map(|column| floor_along_column(camera, column)).collect();
+    let mut seen = truth.map(|_, _| false);
+    for pose in world_from_body {
+        for points_m in &columns {
+            for point_m in points_m {
+                let (row, column) = truth.row_and_column_at(pose.transform_point(*point_m));
+                match truth.index(row, column) {
+                    Some(index) if truth.cells[index] == Occupancy::Free => seen.cells[index] = true,
+                    _ => break,
+                }
+            }
+        }
+    }
+    seen
+}
+
+/// The points of the floor (body's frame, metres) that an image column sees with a
+/// valid depth and a colour, from the nearest, which is the lowest in the image, outwards.
+fn floor_along_column(camera: &CameraConfig, column: usize) -> Vec<[f64; 2]> {
+    let body_from_camera = camera.mount.body_from_sensor();
+    let column = column as f64;
+    (0..ROWS)
+        .rev()
+        .filter_map(|row| {
+            let row = row as f64;
+            // The ray with unit depth in the mount's axes: x ahead, y left, z up.
+            let ray = Vector3::new(
+                1.0,
+                (camera.depth_center_column_px - column) / camera.depth_focal_px,
+                (camera.depth_center_row_px - row) / camera.depth_focal_px,
+            );
+            let direction = body_from_camera.rotation * ray;
+            let depth_m = -body_from_camera.translation_m.z / direction.z;
+            let has_depth = direction.z < 0.0 && (camera.depth_min_m..=camera.depth_max_m).contains(&depth_m);
+            let point = body_from_camera.transform_point(ray * depth_m);
+            (has_depth && has_color(camera, column, row, depth_m)).then_some([point.x, point.y])
+        })
+        .collect()
+}
+
+fn has_color(camera: &CameraConfig, column: f64, row: f64, depth_m: f64) -> bool {
+    let baseline = camera.color_baseline * camera.depth_numerator_m / depth_m;
+    let color_column = (camera.color_focal * column + baseline + camera.color_column_offset) / camera.color_divisor;
+    let color_row = (camera.color_focal * row + camera.color_row_offset) / camera.color_divisor;
+    (0.0..=(COLUMNS - 1) as f64).contains(&color_column) && (0.0..=(ROWS - 1) as f64).contains(&color_row)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Mount;
+
+    fn camera() -> CameraConfig {
+        CameraConfig {
+            mount: Mount { x_m: 0.18, z_m: 0.487, pitch_rad: 0.36, ..Mount::default() },
+            depth_focal_px: 585.051,
+            depth_center_column_px: 315.838,
+            depth_center_row_px: 242.941,
+            disparity_scale: -0.00304,
+            disparity_offset: 3.31,
+            depth_numerator_m: 1.03,
+            color_focal: 526.37,
+            color_baseline: -4.5 * 1750.46,
+            color_column_offset: 19276.0,
+            color_row_offset: 16662.0,
+            color_divisor: 585.051,
+            depth_min_m: 0.5,
+            depth_max_m: 4.0,
+        }
+    }
+
+    /// 12 m × 12 m of free floor around the origin, but for a wall across x = 2 m.
+    fn hall(wall: bool) -> Raster<Occupancy> {
+        let blank =
+            Raster { width: 240, height: 240, resolution_m: 0.05, origin_m: [-6.0; 2], cells: vec![(); 57_600] };
+        blank.map(|_, [x, _]| if wall && (x - 2.0).abs() < 0.05 { Occupancy::Occupied } else { Occupancy::Free })
+    }
+
+    #[test]
+    fn sees_a_wedge_ahead_within_the_depth_limits() {
+        let seen = camera_footprint(&[Pose2::IDENTITY], &camera(), &hall(false));
+        let at = |x, y| *seen.at([x, y]).unwrap();
+        assert!(at(1.5, 0.0) && at(3.0, 0.5) && at(3.0, -0.5));
+        assert!(!at(-1.0, 0.0) && !at(0.3, 0.0) && !at(5.0, 0.0) && !at(1.5, 1.5));
+        // Lowest pixel: 0.36 rad + atan((479 − 242.9)/585) below the horizon from 0.487 m up, 0.18 m ahead.
+        let nearest_m = 0.18 + 0.487 / (0.36 + (236.06_f64 / 585.051).atan()).tan();
+        assert!(!at(nearest_m - 0.06, 0.0) && at(nearest_m + 0.06, 0.0));
+    }
+
+    #[test]
+    fn turns_with_the_body_and_is_blocked_by_walls() {
+        let left = camera_footprint(&[Pose2::new(0.0, 0.0, std::f64::consts::FRAC_PI_2)], &camera(), &hall(false));
+        assert!(*left.at([0.0, 1.5]).unwrap() && !*left.at([1.5, 0.0]).unwrap());
+        let blocked = camera_footprint(&[Pose2::IDENTITY], &camera(), &hall(true));
+        assert!(*blocked.at([1.5, 0.0]).unwrap() && !*blocked.at([2.5, 0.0]).unwrap());
+    }
+}
