@@ -5,15 +5,18 @@ use crate::geometry::Pose2;
 /// A scan together with the odometry that leads to it.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// Number of the scan in the drive, from 0; dropped scans leave gaps.
+    /// Number of the scan in the data set, from 0; scans that were dropped or skipped leave gaps.
     pub index: usize,
     /// The scan's own stamp, seconds.
     pub stamp_s: f64,
-    /// Seconds since the previous frame; 0 for the first.
+    /// Seconds since the previous frame, never negative; 0 where they are unknown: for the
+    /// first frame, and where a log's stamps run backwards in file order.
     pub elapsed_s: f64,
-    /// Odometry: `previous_body_from_body`.
-    pub motion: Pose2,
-    /// Dead reckoning: `start_from_body`, the identity for the first frame.
+    /// Odometry: `previous_body_from_body`. The identity for the first frame; `None` where
+    /// nothing measured the motion (no odometry at all, or outside its span).
+    pub motion: Option<Pose2>,
+    /// Dead reckoning: `start_from_body`, the identity for the first frame. It stays where it
+    /// is while the motion is unknown.
     pub dead_reckoning: Pose2,
     /// The scan in the body's frame.
     pub scan: BodyScan,

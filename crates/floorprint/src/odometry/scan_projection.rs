@@ -1,0 +1,251 @@
+//! From raw ranges to points in the body's frame (report eqs. 8–11), with the LiDAR's full mount.
+//!
+//! Directions of the rays are turned into the body's frame once per geometry; a point is
+//! then one multiplication away. A tilted or upside-down LiDAR is projected to the plane:
+//! what its rays hit is kept where it stands above the floor.
+
+use super::config::{NoReturn, ScanConfig};
+use super::deskew::SweepMotion;
+use crate::frame::{BodyScan, Points};
+use crate::sensors::{LidarConfig, Ray, Scan, ScanGeometry, StampAt};
+use nalgebra::Vector3;
+use std::sync::Arc;
+
+/// Rays steeper than this (sine of their elevation, 30°) are not used: what they hit is a
+/// ceiling or a floor rather than a wall.
+const STEEPEST_SINE: f64 = 0.5;
+/// A ray that is closer to the floor than this has hit the floor, metres.
+const FLOOR_CLEARANCE_M: f64 = 0.05;
+
+/// Everything about a scanner's rays that stays the same from scan to scan.
+#[derive(Debug, Clone)]
+pub(super) struct ScanProjection {
+    geometry: Arc<ScanGeometry>,
+    origin_m: [f32; 2],
+    /// Each ray's direction in the body's frame, projected to the plane.
+    direction_x: Vec<f32>,
+    direction_y: Vec<f32>,
+    /// Hits at or beyond this are not used, metres; 0 for rays that are too steep.
+    reach_m: Vec<f32>,
+    /// Hits nearer than this are not used, metres.
+    nearest_m: f32,
+    /// Up to where a ray without a return is free, metres; 0 when it means nothing.
+    clear_m: f32,
+    /// When each ray is taken relative to the stamp, seconds; empty when that is unknown.
+    offset_s: Vec<f32>,
+}
+
+impl ScanProjection {
+    /// The tables for one geometry.
+    pub(super) fn new(geometry: &Arc<ScanGeometry>, lidar: &LidarConfig, config: &ScanConfig) -> Self {
+        let body_from_lidar = lidar.mount.body_from_sensor();
+        let height_m = lidar.mount.z_m;
+        let farthest_m = config.range_max_m.min(f64::from(geometry.range_max_m));
+        let mut projection = Self {
+            geometry: Arc::clone(geometry),
+            origin_m: [lidar.mount.x_m as f32, lidar.mount.y_m as f32],
+            direction_x: Vec::with_capacity(geometry.len()),
+            direction_y: Vec::with_capacity(geometry.len()),
+            reach_m: Vec::with_capacity(geometry.len()),
+            nearest_m: geometry.range_min_m.max(config.range_min_m as f32),
+            clear_m: match config.no_return {
+                NoReturn::Ignore => 0.0,
+                NoReturn::Clear => config.no_return_clear_m as f32,
+            },
+            offset_s: if config.deskew { ray_offsets_s(geometry, lidar) } else { Vec::new() },
+        };
+        for angle_rad in &geometry.angles_rad {
+            let (sin, cos) = angle_rad.sin_cos();
+            let direction = body_from_lidar.rotation * Vector3::new(cos, sin, 0.0);
+            projection.direction_x.push(direction.x as f32);
+            projection.direction_y.push(direction.y as f32);
+            let reach_m = if direction.z.abs() > STEEPEST_SINE {
+                0.0
+            } else if direction.z < 0.0 && height_m > FLOOR_CLEARANCE_M {
+                farthest_m.min((height_m - FLOOR_CLEARANCE_M) / -direction.z)
+            } else {
+                farthest_m
+            };
+            projection.reach_m.push(reach_m as f32);
+        }
+        projection
+    }
+
+    /// Whether these tables are those of `geometry`.
+    pub(super) fn fits(&self, geometry: &Arc<ScanGeometry>) -> bool {
+        Arc::ptr_eq(&self.geometry, geometry) || self.geometry == *geometry
+    }
+
+    /// Number of rays in a scan.
+    pub(super) fn rays(&self) -> usize {
+        self.reach_m.len()
+    }
+
+    /// Number of rays that are too steep to be used.
+    pub(super) fn steep_rays(&self) -> usize {
+        self.reach_m.iter().filter(|&&reach_m| reach_m == 0.0).count()
+    }
+
+    /// Offsets from the stamp of the first and the last ray, seconds; `None` when the rays'
+    /// times are unknown or are not to be used.
+    pub(super) fn sweep_s(&self) -> Option<[f64; 2]> {
+        let first_s = self.offset_s.iter().copied().reduce(f32::min)?;
+        let last_s = self.offset_s.iter().copied().reduce(f32::max)?;
+        Some([f64::from(first_s), f64::from(last_s)])
+    }
+
+    /// The scan's points in the body's frame at its stamp.
+    pub(super) fn project(&self, scan: &Scan, motion: Option<SweepMotion>) -> BodyScan {
+        let motion = motion.filter(|_| !self.offset_s.is_empty());
+        BodyScan {
+            origin_m: self.origin_m.map(f64::from),
+            hits: self.hits(scan, motion),
+            free_ends: if self.clear_m > 0.0 { self.free_ends(scan, motion) } else { Points::default() },
+        }
+    }
+
+    fn hits(&self, scan: &Scan, motion: Option<SweepMotion>) -> Points {
+        let mut points = Points { x_m: vec![0.0; self.geometry.len()], y_m: vec![0.0; self.geometry.len()] };
+        let mut count = 0;
+        for (ray, (&range_m, &reach_m)) in scan.ranges_m.iter().zip(&self.reach_m).enumerate() {
+            // Every ray is written, and overwritten by the next unless it counts: no branch to mispredict.
+            let [x, y] = self.point(ray, range_m, motion);
+            (points.x_m[count], points.y_m[count]) = (x, y);
+            count += usize::from(range_m >= self.nearest_m && range_m < reach_m);
+        }
+        points.x_m.truncate(count);
+        points.y_m.truncate(count);
+        points
+    }
+
+    fn free_ends(&self, scan: &Scan, motion: Option<SweepMotion>) -> Points {
+        let mut points = Points::default();
+        for (ray, (&range_m, &reach_m)) in scan.ranges_m.iter().zip(&self.reach_m).enumerate() {
+            let free_m = match self.geometry.classify(range_m) {
+                Ray::NoReturn => self.clear_m.min(reach_m),
+                Ray::Hit(range_m) if range_m >= reach_m => self.clear_m.min(reach_m),
+                Ray::Hit(_) | Ray::Invalid => continue,
+            };
+            if free_m > 0.0 {
+                let [x, y] = self.point(ray, free_m, motion);
+                points.push(x, y);
+            }
+        }
+        points
+    }
+
+    #[inline]
+    fn point(&self, ray: usize, range_m: f32, motion: Option<SweepMotion>) -> [f32; 2] {
+        let x = self.origin_m[0] + range_m * self.direction_x[ray];
+        let y = self.origin_m[1] + range_m * self.direction_y[ray];
+        match motion {
+            Some(motion) => motion.to_stamp(self.offset_s[ray], x, y),
+            None => [x, y],
+        }
+    }
+}
+
+/// When each ray is taken relative to the stamp, seconds: the geometry's own times, else the
+/// calibration's sweep spread evenly over the rays; empty when neither is known.
+fn ray_offsets_s(geometry: &ScanGeometry, lidar: &LidarConfig) -> Vec<f32> {
+    if geometry.time_offsets_s.len() == geometry.len()
+        && geometry.time_offsets_s.iter().any(|&offset_s| offset_s != 0.0)
+    {
+        return geometry.time_offsets_s.clone();
+    }
+    if lidar.sweep_duration_s <= 0.0 || geometry.len() < 2 {
+        return Vec::new();
+    }
+    let stamp_share = match lidar.stamp_at {
+        StampAt::Start => 0.0,
+        StampAt::Middle => 0.5,
+        StampAt::End => 1.0,
+    };
+    let last = (geometry.len() - 1) as f64;
+    (0..geometry.len()).map(|ray| ((ray as f64 / last - stamp_share) * lidar.sweep_duration_s) as f32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Mount;
+    use proptest::prelude::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    fn geometry(angles_rad: Vec<f64>) -> Arc<ScanGeometry> {
+        Arc::new(ScanGeometry {
+            time_offsets_s: vec![0.0; angles_rad.len()],
+            angles_rad,
+            range_min_m: 0.1,
+            range_max_m: 30.0,
+            below_minimum_is_no_return: false,
+        })
+    }
+
+    fn scan(geometry: &Arc<ScanGeometry>, ranges_m: Vec<f32>) -> Scan {
+        Scan { stamp_s: 0.0, ranges_m, geometry: Arc::clone(geometry), odometry: None }
+    }
+
+    fn lidar(mount: Mount) -> LidarConfig {
+        LidarConfig { mount, ..LidarConfig::default() }
+    }
+
+    fn projected(angles_rad: Vec<f64>, ranges_m: Vec<f32>, mount: Mount, config: &ScanConfig) -> BodyScan {
+        let geometry = geometry(angles_rad);
+        ScanProjection::new(&geometry, &lidar(mount), config).project(&scan(&geometry, ranges_m), None)
+    }
+
+    #[test]
+    fn only_returns_within_the_limits_become_hits() {
+        let config = ScanConfig { range_min_m: 0.5, range_max_m: 20.0, ..ScanConfig::default() };
+        let ranges = vec![0.2, 1.0, 25.0, 30.0, f32::INFINITY, f32::NAN, 0.001];
+        let body = projected(vec![0.0; 7], ranges.clone(), Mount { x_m: 0.1, ..Mount::default() }, &config);
+        assert_eq!(body.hits.x_m, [1.1]);
+        assert!(body.free_ends.is_empty());
+        let clear = ScanConfig { no_return: NoReturn::Clear, no_return_clear_m: 5.0, ..config };
+        let body = projected(vec![0.0; 7], ranges, Mount::default(), &clear);
+        assert_eq!(body.free_ends.x_m, [5.0; 3]);
+    }
+
+    #[test]
+    fn a_lidar_that_looks_down_sees_walls_only_until_its_rays_meet_the_floor() {
+        let mount = Mount { z_m: 0.65, pitch_rad: 0.2, ..Mount::default() };
+        let floor_m = 0.65 / 0.2_f64.sin();
+        let ranges = vec![(floor_m * 0.8) as f32, floor_m as f32];
+        let body = projected(vec![0.0, 0.0], ranges, mount, &ScanConfig::default());
+        assert_eq!(body.hits.len(), 1);
+        assert!((f64::from(body.hits.x_m[0]) - floor_m * 0.8 * 0.2_f64.cos()).abs() < 1e-5);
+        let steep = Mount { pitch_rad: 1.0, ..mount };
+        let geometry = geometry(vec![0.0, FRAC_PI_2]);
+        assert_eq!(ScanProjection::new(&geometry, &lidar(steep), &ScanConfig::default()).steep_rays(), 1);
+    }
+
+    #[test]
+    fn rays_are_spread_over_the_sweep_of_the_calibration() {
+        let geometry = geometry(vec![0.0, 0.1, 0.2]);
+        let swept = |stamp_at| LidarConfig { sweep_duration_s: 0.02, stamp_at, ..LidarConfig::default() };
+        assert_eq!(ray_offsets_s(&geometry, &swept(StampAt::Middle)), [-0.01, 0.0, 0.01]);
+        assert_eq!(ray_offsets_s(&geometry, &swept(StampAt::Start)), [0.0, 0.01, 0.02]);
+        assert_eq!(ray_offsets_s(&geometry, &swept(StampAt::End)), [-0.02, -0.01, 0.0]);
+        assert!(ray_offsets_s(&geometry, &lidar(Mount::default())).is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn an_upside_down_lidar_mirrors_left_and_right(
+            rays in prop::collection::vec((-3.0..3.0_f64, 0.2..25.0_f32), 1..50),
+            yaw_rad in -3.0..3.0_f64,
+        ) {
+            let (angles, ranges): (Vec<f64>, Vec<f32>) = rays.into_iter().unzip();
+            let mirrored = angles.iter().map(|angle| -angle).collect();
+            let upright = Mount { x_m: 0.2, y_m: 0.1, z_m: 0.5, yaw_rad, ..Mount::default() };
+            let upside_down = Mount { roll_rad: PI, ..upright };
+            let a = projected(mirrored, ranges.clone(), upright, &ScanConfig::default());
+            let b = projected(angles, ranges, upside_down, &ScanConfig::default());
+            prop_assert_eq!(a.hits.len(), b.hits.len());
+            for (p, q) in a.hits.iter().zip(b.hits.iter()) {
+                prop_assert!((p[0] - q[0]).abs() < 1e-4 && (p[1] - q[1]).abs() < 1e-4);
+            }
+        }
+    }
+}
