@@ -4,6 +4,9 @@ use super::EvaluationError;
 use crate::map::{Occupancy, Raster};
 use serde::Serialize;
 
+/// From a known free cell on, free cells of the truth this far count as explored, metres.
+const EXPLORED_REACH_M: f64 = 0.25;
+
 /// How [`MapQuality::new`] compares.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapQualityOptions {
@@ -23,8 +26,9 @@ impl Default for MapQualityOptions {
 ///
 /// *Precision* counts every occupied cell of the estimate: also where the truth says
 /// unknown, which in a true map is what lies behind walls and inside things.
-/// *Recall* counts the occupied cells of the truth that the drive could have seen:
-/// those with a free cell of the truth beside them that the estimate knows as well.
+/// *Recall* counts the occupied cells of the truth that the drive came to see: those
+/// beside a free cell of the truth that the estimate knows, or that free cells connect
+/// within 0.25 m to one it knows, so that a wall drawn too near does not hide the true one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MapQuality {
     /// Share of the estimate's occupied cells that have one of the truth within the tolerance.
@@ -66,6 +70,7 @@ impl MapQuality {
             truth,
             near_estimate: near_occupied(estimate, tolerance_m),
             near_truth: near_occupied(truth, tolerance_m),
+            explored: explored_walls(estimate, truth),
         };
         let mut best = comparison.at_shift([0.0, 0.0]);
         let reach = i64::from(options.max_shift_cells);
@@ -86,48 +91,70 @@ struct Comparison<'a> {
     /// Whether an occupied cell of the same map is within the tolerance.
     near_estimate: Raster<bool>,
     near_truth: Raster<bool>,
+    /// Occupied cells of the truth that count for the recall, whatever the shift.
+    explored: Vec<usize>,
 }
 
 impl Comparison<'_> {
     fn at_shift(&self, shift_m: [f64; 2]) -> MapQuality {
         let (estimate, truth) = (self.estimate, self.truth);
-        let into_estimate = |[x, y]: [f64; 2]| [x - shift_m[0], y - shift_m[1]];
-        let into_truth = |[x, y]: [f64; 2]| [x + shift_m[0], y + shift_m[1]];
-        let is_known = |index: &usize| {
-            estimate.at(into_estimate(truth.center_m(*index))).is_some_and(|cell| *cell != Occupancy::Unknown)
+        let is_right = |index: &usize| {
+            let [x, y] = estimate.center_m(*index);
+            self.near_truth.at([x + shift_m[0], y + shift_m[1]]) == Some(&true)
         };
-        let is_found = |index: &usize| self.near_estimate.at(into_estimate(truth.center_m(*index))) == Some(&true);
-        let is_explored = |index: &usize| {
-            neighbours(truth, *index).filter(|n| truth.cells[*n] == Occupancy::Free).any(|n| is_known(&n))
+        let is_found = |index: &usize| {
+            let [x, y] = truth.center_m(*index);
+            self.near_estimate.at([x - shift_m[0], y - shift_m[1]]) == Some(&true)
         };
-
-        let estimated: Vec<_> = cells_with(estimate, Occupancy::Occupied).collect();
-        let right = estimated.iter().filter(|i| self.near_truth.at(into_truth(estimate.center_m(**i))) == Some(&true));
-        let occupied: Vec<_> = cells_with(truth, Occupancy::Occupied).collect();
-        let explored: Vec<_> = occupied.iter().copied().filter(is_explored).collect();
-        let free: Vec<_> = cells_with(truth, Occupancy::Free).collect();
-
-        let precision = share(right.count(), estimated.len());
-        let recall = share(explored.iter().filter(|i| is_found(i)).count(), explored.len());
+        let precision = share(cells_with(estimate, Occupancy::Occupied), is_right);
+        let recall = share(self.explored.iter().copied(), is_found);
         MapQuality {
             precision,
             recall,
             f1: if precision + recall > 0.0 { 2.0 * precision * recall / (precision + recall) } else { 0.0 },
-            completeness: share(occupied.iter().filter(|i| is_found(i)).count(), occupied.len()),
-            explored: share(free.iter().filter(|i| is_known(i)).count(), free.len()),
-            estimated_cells: estimated.len(),
-            explored_true_cells: explored.len(),
+            completeness: share(cells_with(truth, Occupancy::Occupied), is_found),
+            explored: share(cells_with(truth, Occupancy::Free), |index| is_known(estimate, truth.center_m(*index))),
+            estimated_cells: cells_with(estimate, Occupancy::Occupied).count(),
+            explored_true_cells: self.explored.len(),
             shift_m,
         }
     }
+}
+
+fn is_known(map: &Raster<Occupancy>, point_m: [f64; 2]) -> bool {
+    map.at(point_m).is_some_and(|cell| *cell != Occupancy::Unknown)
+}
+
+/// The occupied cells of the truth beside free cells that the estimate knows or that
+/// free cells connect to such ones within [`EXPLORED_REACH_M`].
+fn explored_walls(estimate: &Raster<Occupancy>, truth: &Raster<Occupancy>) -> Vec<usize> {
+    let mut reached =
+        truth.map(|index, center_m| truth.cells[index] == Occupancy::Free && is_known(estimate, center_m)).cells;
+    let mut front: Vec<_> = (0..reached.len()).filter(|index| reached[*index]).collect();
+    for _ in 0..(EXPLORED_REACH_M / truth.resolution_m).round() as usize {
+        let mut next = Vec::new();
+        for neighbour in front.iter().flat_map(|index| neighbours(truth, *index)) {
+            if truth.cells[neighbour] == Occupancy::Free && !std::mem::replace(&mut reached[neighbour], true) {
+                next.push(neighbour);
+            }
+        }
+        front = next;
+    }
+    cells_with(truth, Occupancy::Occupied).filter(|wall| neighbours(truth, *wall).any(|cell| reached[cell])).collect()
 }
 
 fn cells_with(map: &Raster<Occupancy>, what: Occupancy) -> impl Iterator<Item = usize> {
     map.cells.iter().enumerate().filter(move |(_, cell)| **cell == what).map(|(index, _)| index)
 }
 
-fn share(part: usize, whole: usize) -> f64 {
-    if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
+/// Share of the cells that pass; 0 of none.
+fn share(cells: impl Iterator<Item = usize>, passes: impl Fn(&usize) -> bool) -> f64 {
+    let (mut passed, mut total) = (0_usize, 0_usize);
+    for cell in cells {
+        total += 1;
+        passed += usize::from(passes(&cell));
+    }
+    if total == 0 { 0.0 } else { passed as f64 / total as f64 }
 }
 
 /// The up to eight cells around a cell.
@@ -193,13 +220,22 @@ mod tests {
 
     #[test]
     fn what_was_not_explored_does_not_count_for_the_recall() {
-        let left_half =
-            drawn(&["         ", " ###     ", " #.      ", " #.      ", " #.      ", " ###     ", "         "]);
-        let found = quality(&left_half, &room(), 0, 0);
+        let truth = drawn(&["####################", "#..................#", "####################"]);
+        let left_end = drawn(&["############", "#.....      ", "############"]);
+        let found = quality(&left_end, &truth, 0, 0);
         assert_eq!((found.precision, found.recall), (1.0, 1.0));
-        assert_eq!(found.explored_true_cells, 9);
-        assert_eq!(found.completeness, 9.0 / 20.0);
-        assert_eq!(found.explored, 3.0 / 15.0);
+        // The left end; above and below 5 known cells, 5 within reach of them and 2 corners.
+        assert_eq!(found.explored_true_cells, 1 + 2 * 12);
+        assert_eq!(found.completeness, 25.0 / 42.0);
+        assert_eq!(found.explored, 5.0 / 18.0);
+    }
+
+    #[test]
+    fn a_wall_drawn_too_near_does_not_hide_the_true_one() {
+        let truth = drawn(&["#########", "#.......#", "#.......#", "#.......#", "#########"]);
+        let near = drawn(&["         ", "#########", "#.......#", "#.......#", "#########"]);
+        let found = quality(&near, &truth, 0, 0);
+        assert_eq!((found.recall, found.precision), (15.0 / 24.0, 15.0 / 22.0));
     }
 
     #[test]
