@@ -4,8 +4,9 @@ use super::MapConfig;
 use super::cell::Cell;
 use super::ray::passed_cells;
 use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
-use crate::frame::BodyScan;
+use crate::frame::{BodyScan, Frame};
 use crate::geometry::Pose2;
+use crate::sensors::StampedPose;
 
 /// Log-odds are kept as 16-bit numbers in steps of 1/256.
 const STEPS_PER_UNIT: f64 = 256.0;
@@ -51,6 +52,28 @@ impl OccupancyGrid {
             limit: fixed_point(config.limit_log_odds),
             tiles: TileGrid::default(),
         }
+    }
+
+    /// The grid that scans draw along a trajectory: `frames` and `trajectory` match one to one.
+    ///
+    /// A robot that stands still sees the same again; such scans are left out.
+    #[must_use]
+    pub fn along(trajectory: &[StampedPose], frames: impl Iterator<Item = Frame>, config: &MapConfig) -> Self {
+        let mut grid = Self::new(config);
+        let mut flips = Vec::new();
+        let mut drawn: Option<Pose2> = None;
+        for (stamped, frame) in trajectory.iter().zip(frames) {
+            let moved = drawn.is_none_or(|last| {
+                let step = last.between(&stamped.pose);
+                step.distance() > config.redraw_distance_m || step.theta.abs() > config.redraw_angle_rad
+            });
+            if moved {
+                grid.add_scan(&stamped.pose, &frame.scan, &mut flips);
+                flips.clear();
+                drawn = Some(stamped.pose);
+            }
+        }
+        grid
     }
 
     /// Side of a cell, metres.

@@ -7,8 +7,7 @@
 //! here cut off at a fixed reach). Matching is one look-up per point.
 
 use super::cell::Cell;
-use super::ray::passed_cells;
-use super::tile_grid::{TILE_CELLS, TileGrid, index_in_tile, tile_of};
+use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
 use crate::geometry::Pose2;
 use crate::scan_matcher::SurfaceScan;
 
@@ -16,6 +15,8 @@ use crate::scan_matcher::SurfaceScan;
 const REACH_CELLS: i32 = 7;
 /// End points beyond this number no longer slow down how a surface's mean follows new ones.
 const MEMORY_HITS: f32 = 60.0;
+/// Surfaces farther away than this are not contradicted, metres.
+const CARVE_REACH_M: f64 = 15.0;
 /// A ray contradicts a surface when it ends at least this far behind it, metres.
 const CONTRADICTION_DEPTH_M: f32 = 0.20;
 /// A surface is given up when it was contradicted this many times for each time it was hit.
@@ -116,40 +117,39 @@ impl SurfaceMap {
                 ([x + world_from_body.x, y + world_from_body.y], [nx as f32, ny as f32])
             })
             .collect();
-        for &(point, _) in &world_points {
-            self.contradict_along(origin, point);
-        }
+        self.contradict(origin, &Horizon::new(origin, world_points.iter().map(|(point, _)| *point)));
         for &(point, normal) in &world_points {
             self.add_hit(point, normal);
         }
     }
 
-    /// Surfaces between `origin` and `end` that the ray went through lose trust.
-    fn contradict_along(&mut self, origin: [f64; 2], end: [f64; 2]) {
-        let from = Cell::containing(origin, self.inverse_resolution);
-        let to = Cell::containing(end, self.inverse_resolution);
-        let mut at = tile_of(from);
-        let mut tile = self.tiles.tile(at);
-        let mut contradicted: Vec<Cell> = Vec::new();
-        for cell in passed_cells(from, to) {
-            let here = tile_of(cell);
-            if here != at {
-                at = here;
-                tile = self.tiles.tile(at);
-            }
-            let Some(tile) = tile else { continue };
-            let slot = tile.slot[index_in_tile(cell)];
-            if slot != 0 && goes_through(&tile.surfaces[usize::from(slot) - 1], origin, end) {
-                contradicted.push(cell);
+    /// Surfaces that the scan saw through lose trust.
+    fn contradict(&mut self, origin: [f64; 2], horizon: &Horizon) {
+        let reach = CARVE_REACH_M.min(horizon.farthest_m);
+        let corner = |sign: f64| {
+            let point = [origin[0] + sign * reach, origin[1] + sign * reach];
+            tile_of(Cell::containing(point, self.inverse_resolution))
+        };
+        let (low, high) = (corner(-1.0), corner(1.0));
+        let mut contradicted = Vec::new();
+        for y in low.y..=high.y {
+            for x in low.x..=high.x {
+                let at = Cell { x, y };
+                let Some(tile) = self.tiles.tile(at) else { continue };
+                for surface in &tile.surfaces {
+                    if horizon.sees_through(surface, origin) {
+                        contradicted.push((at, surface.cell));
+                    }
+                }
             }
         }
-        for cell in contradicted {
-            let tile = self.tiles.tile_mut(tile_of(cell));
-            let slot = tile.slot[index_in_tile(cell)];
+        for (at, index) in contradicted {
+            let tile = self.tiles.tile_mut(at);
+            let slot = tile.slot[usize::from(index)];
             let surface = &mut tile.surfaces[usize::from(slot) - 1];
             surface.contradictions += 1.0;
             if surface.contradictions > CONTRADICTIONS_PER_HIT * surface.hits {
-                self.remove(cell);
+                self.remove(cell_in_tile(at, usize::from(index)));
             }
         }
     }
@@ -203,24 +203,61 @@ impl SurfaceMap {
         if let Some(moved) = tile.surfaces.get(usize::from(slot) - 1) {
             tile.slot[usize::from(moved.cell)] = slot;
         }
+        let mut orphans = Vec::new();
         for dy in -REACH_CELLS..=REACH_CELLS {
             for dx in -REACH_CELLS..=REACH_CELLS {
                 let near = Cell { x: cell.x + dx, y: cell.y + dy };
-                let index = index_in_tile(near);
-                let at = tile_of(near);
-                if self.tiles.tile(at).is_some_and(|tile| tile.nearest[index] == [-dx as i8, -dy as i8]) {
-                    self.tiles.tile_mut(at).nearest[index] = NONE;
+                if self.offset_to_nearest(near) == [-dx as i8, -dy as i8] {
+                    self.tiles.tile_mut(tile_of(near)).nearest[index_in_tile(near)] = NONE;
+                    orphans.push(near);
                 }
             }
         }
-        for dy in -2 * REACH_CELLS..=2 * REACH_CELLS {
-            for dx in -2 * REACH_CELLS..=2 * REACH_CELLS {
-                let near = Cell { x: cell.x + dx, y: cell.y + dy };
-                if self.surface(near).is_some() {
-                    self.announce(near);
-                }
+        // The cells that lost their surface learn of others from their neighbours, from the rim inwards.
+        for _ in 0..REACH_CELLS {
+            let mut changed = false;
+            for &orphan in &orphans {
+                changed |= self.learn_from_neighbours(orphan);
+            }
+            if !changed {
+                break;
             }
         }
+    }
+
+    #[inline]
+    fn offset_to_nearest(&self, cell: Cell) -> [i8; 2] {
+        self.tiles.tile(tile_of(cell)).map_or(NONE, |tile| tile.nearest[index_in_tile(cell)])
+    }
+
+    /// Takes over the nearest of the surfaces that the eight neighbours know; tells whether that changed anything.
+    fn learn_from_neighbours(&mut self, cell: Cell) -> bool {
+        let before = self.offset_to_nearest(cell);
+        let mut best = before;
+        for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
+            let known = self.offset_to_nearest(Cell { x: cell.x + dx, y: cell.y + dy });
+            if known == NONE {
+                continue;
+            }
+            let offset = [(i32::from(known[0]) + dx) as i8, (i32::from(known[1]) + dy) as i8];
+            let square = square_length(offset);
+            if square <= REACH_CELLS * REACH_CELLS && (best == NONE || square < square_length(best)) {
+                best = offset;
+            }
+        }
+        if best != before {
+            self.tiles.tile_mut(tile_of(cell)).nearest[index_in_tile(cell)] = best;
+        }
+        best != before
+    }
+
+    /// How near the nearest surface is: 1 in its cell, 0 beyond reach.
+    #[inline]
+    #[must_use]
+    pub fn proximity(&self, point_m: [f64; 2]) -> f32 {
+        let cell = Cell::containing(point_m, self.inverse_resolution);
+        let offset = self.offset_to_nearest(cell);
+        if offset == NONE { 0.0 } else { PROXIMITY[square_length(offset) as usize] }
     }
 
     /// All surfaces, tile by tile.
@@ -239,19 +276,88 @@ fn square_length(offset: [i8; 2]) -> i32 {
     i32::from(offset[0]).pow(2) + i32::from(offset[1]).pow(2)
 }
 
-/// Whether a ray that ended at `end` cannot have done so had the surface been there.
-///
-/// A ray that grazes a wall passes many of its cells without going through it: what counts
-/// is how far behind the surface's own plane the ray ended.
-fn goes_through(surface: &Surface, origin: [f64; 2], end: [f64; 2]) -> bool {
-    let behind = [end[0] as f32 - surface.mean_m[0], end[1] as f32 - surface.mean_m[1]];
-    let [nx, ny] = surface.normal;
-    let flatness = nx.hypot(ny);
-    if flatness > 0.3 {
-        -(nx * behind[0] + ny * behind[1]) > CONTRADICTION_DEPTH_M * flatness
-    } else {
-        let ray = [(end[0] - origin[0]) as f32, (end[1] - origin[1]) as f32];
-        let length = ray[0].hypot(ray[1]).max(1e-6);
-        (ray[0] * behind[0] + ray[1] * behind[1]) / length > CONTRADICTION_DEPTH_M
+/// Proximity by squared distance in cells.
+static PROXIMITY: [f32; (REACH_CELLS * REACH_CELLS + 1) as usize] = {
+    let mut table = [0.0; (REACH_CELLS * REACH_CELLS + 1) as usize];
+    let mut square = 0;
+    while square < table.len() {
+        // 1 − d²/reach²: smooth, and peaked enough to tell a fit from a near miss.
+        table[square] = 1.0 - square as f32 / table.len() as f32;
+        square += 1;
     }
+    table
+};
+
+fn cell_in_tile(tile: Cell, index: usize) -> Cell {
+    Cell { x: (tile.x << TILE_BITS) + index as i32 % TILE_SIDE, y: (tile.y << TILE_BITS) + index as i32 / TILE_SIDE }
+}
+
+/// How far a scan saw in each direction.
+struct Horizon {
+    /// For each sector the shortest range of the rays next to it, metres; 0 where none is near.
+    range_m: [f32; SECTORS],
+    farthest_m: f64,
+}
+
+/// Directions are told apart this finely.
+const SECTORS: usize = 720;
+/// Rays this many sectors apart leave no gap between them.
+const LARGEST_GAP: usize = 6;
+
+impl Horizon {
+    fn new(origin: [f64; 2], ends: impl Iterator<Item = [f64; 2]>) -> Self {
+        let mut seen = [f32::INFINITY; SECTORS];
+        let mut farthest_m: f64 = 0.0;
+        for end in ends {
+            let (dx, dy) = (end[0] - origin[0], end[1] - origin[1]);
+            let range = dx.hypot(dy);
+            farthest_m = farthest_m.max(range);
+            let sector = &mut seen[sector_of(dx as f32, dy as f32)];
+            *sector = sector.min(range as f32);
+        }
+        // A sector between two rays saw at least as far as the nearer of them.
+        let mut range_m = [0.0; SECTORS];
+        for (sector, range) in range_m.iter_mut().enumerate() {
+            let ahead = (0..=LARGEST_GAP).map(|gap| seen[(sector + gap) % SECTORS]).find(|range| range.is_finite());
+            let behind =
+                (0..=LARGEST_GAP).map(|gap| seen[(sector + SECTORS - gap) % SECTORS]).find(|range| range.is_finite());
+            if let (Some(ahead), Some(behind)) = (ahead, behind) {
+                *range = ahead.min(behind);
+            }
+        }
+        Self { range_m, farthest_m }
+    }
+
+    /// Whether the scan cannot have seen as far as it did had the surface been there.
+    ///
+    /// A ray that grazes a wall passes close to much of it without going through it: what
+    /// counts is how far behind the surface's own plane the ray ended.
+    fn sees_through(&self, surface: &Surface, origin: [f64; 2]) -> bool {
+        let (dx, dy) = (surface.mean_m[0] - origin[0] as f32, surface.mean_m[1] - origin[1] as f32);
+        let square = dx * dx + dy * dy;
+        if square > (CARVE_REACH_M * CARVE_REACH_M) as f32 || square < 1e-4 {
+            return false;
+        }
+        let distance = square.sqrt();
+        let beyond = self.range_m[sector_of(dx, dy)] - distance;
+        if beyond <= CONTRADICTION_DEPTH_M {
+            return false;
+        }
+        let [nx, ny] = surface.normal;
+        let flatness = nx.hypot(ny);
+        // Cosine between the ray and the plane's normal.
+        let slant = if flatness > 0.3 { -(nx * dx + ny * dy) / (distance * flatness) } else { 1.0 };
+        beyond * slant > CONTRADICTION_DEPTH_M
+    }
+}
+
+/// The sector of a direction. Sectors are equal steps of the "diamond angle" |y| / (|x| + |y|):
+/// as good as equal angles for telling directions apart, and without a trigonometric function.
+fn sector_of(dx: f32, dy: f32) -> usize {
+    let length = dx.abs() + dy.abs();
+    if length == 0.0 {
+        return 0;
+    }
+    let quarter_turns = if dx >= 0.0 { 1.0 + dy / length } else { 3.0 - dy / length };
+    ((quarter_turns * (SECTORS / 4) as f32) as usize).min(SECTORS - 1)
 }

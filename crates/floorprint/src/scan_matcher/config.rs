@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MatcherConfig {
+    /// Side of a cell of the map that is matched against, metres.
+    pub cell_m: f64,
     /// Points of a scan are thinned to this distance along surfaces, metres.
     pub point_spacing_m: f64,
     /// Largest number of Gauss–Newton steps.
@@ -29,19 +31,19 @@ pub struct MatcherConfig {
     pub insert_distance_m: f64,
     /// … or turned by this much, radians.
     pub insert_angle_rad: f64,
-    /// Standard deviation of the odometry's position per metre travelled.
-    pub odometry_sigma_per_m: f64,
-    /// Standard deviation of the odometry's heading per radian turned.
-    pub odometry_sigma_per_rad: f64,
-    /// Standard deviation of the odometry's position at every step, metres.
-    pub odometry_sigma_m: f64,
-    /// Standard deviation of the odometry's heading at every step, radians.
-    pub odometry_sigma_rad: f64,
+    /// Where fewer than this share of a scan's points lie on the map, the odometry is not
+    /// believed and the neighbourhood is searched.
+    pub search_below_inlier_share: f64,
+    /// Largest offset of that search in x and in y, metres.
+    pub search_distance_m: f64,
+    /// Largest offset of that search in heading, radians.
+    pub search_angle_rad: f64,
 }
 
 impl Default for MatcherConfig {
     fn default() -> Self {
         Self {
+            cell_m: 0.05,
             point_spacing_m: 0.03,
             iterations: 12,
             stop_step_m: 2e-4,
@@ -53,10 +55,9 @@ impl Default for MatcherConfig {
             independent_points: 100.0,
             insert_distance_m: 0.1,
             insert_angle_rad: 0.05,
-            odometry_sigma_per_m: 0.15,
-            odometry_sigma_per_rad: 0.15,
-            odometry_sigma_m: 0.01,
-            odometry_sigma_rad: 0.01,
+            search_below_inlier_share: 0.75,
+            search_distance_m: 0.6,
+            search_angle_rad: 0.8,
         }
     }
 }
