@@ -2,15 +2,15 @@
 
 mod cell;
 mod config;
-mod raster;
 mod occupancy_grid;
+mod raster;
 mod ray;
 mod surface_map;
 mod tile_grid;
 
 pub use cell::Cell;
 pub use config::MapConfig;
-pub use raster::{Occupancy, Raster};
 pub use occupancy_grid::{Flip, OccupancyGrid};
+pub use raster::{Occupancy, Raster};
 pub use ray::passed_cells;
 pub use surface_map::{Surface, SurfaceMap};

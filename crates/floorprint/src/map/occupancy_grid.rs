@@ -2,6 +2,7 @@
 
 use super::MapConfig;
 use super::cell::Cell;
+use super::raster::{Occupancy, Raster};
 use super::ray::passed_cells;
 use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
 use crate::frame::{BodyScan, Frame};
@@ -158,17 +159,27 @@ impl OccupancyGrid {
         }
     }
 
-    /// The smallest rectangle of cells that holds everything seen: its lower left cell,
-    /// columns and rows. `None` when nothing was seen.
+    /// The grid as a picture: the smallest rectangle that holds everything seen. A cell is
+    /// occupied or free as its log-odds lean. `None` when nothing was seen.
     #[must_use]
-    pub fn bounds(&self) -> Option<(Cell, usize, usize)> {
+    pub fn to_raster(&self) -> Option<Raster<Occupancy>> {
         let mut low = Cell { x: i32::MAX, y: i32::MAX };
         let mut high = Cell { x: i32::MIN, y: i32::MIN };
         for (cell, _) in self.seen_cells() {
             low = Cell { x: low.x.min(cell.x), y: low.y.min(cell.y) };
             high = Cell { x: high.x.max(cell.x), y: high.y.max(cell.y) };
         }
-        (low.x <= high.x).then(|| (low, (high.x - low.x + 1) as usize, (high.y - low.y + 1) as usize))
+        if low.x > high.x {
+            return None;
+        }
+        let (width, height) = ((high.x - low.x + 1) as usize, (high.y - low.y + 1) as usize);
+        let mut cells = vec![Occupancy::Unknown; width * height];
+        for (cell, log_odds) in self.seen_cells() {
+            let index = (high.y - cell.y) as usize * width + (cell.x - low.x) as usize;
+            cells[index] = if log_odds > 0.0 { Occupancy::Occupied } else { Occupancy::Free };
+        }
+        let origin_m = [f64::from(low.x) * self.resolution_m, f64::from(low.y) * self.resolution_m];
+        Some(Raster { width, height, resolution_m: self.resolution_m, origin_m, cells })
     }
 
     /// Every cell that was seen, with its log-odds.
@@ -220,6 +231,19 @@ mod tests {
         second.add_scan(&Pose2::new(0.5, 0.0, 1.0), &scan_with(&[[2.0, 0.5]]), &mut flips);
         assert_eq!(first.seen_cells().collect::<Vec<_>>(), before);
         assert_ne!(second.seen_cells().collect::<Vec<_>>(), before);
+    }
+
+    #[test]
+    fn a_picture_of_the_grid_is_upright() {
+        let mut grid = OccupancyGrid::new(&MapConfig::default());
+        grid.add_scan(&Pose2::new(0.025, 0.025, 0.0), &scan_with(&[[0.5, 1.0]]), &mut Vec::new());
+        let raster = grid.to_raster().unwrap();
+        assert_eq!((raster.width, raster.height, raster.origin_m), (11, 21, [0.0, 0.0]));
+        // The hit is the upper right cell, the robot the lower left one.
+        assert_eq!(raster.cells[10], Occupancy::Occupied);
+        assert_eq!(raster.cells[20 * 11], Occupancy::Free);
+        assert_eq!(raster.cells[0], Occupancy::Unknown);
+        assert!(OccupancyGrid::new(&MapConfig::default()).to_raster().is_none());
     }
 
     proptest! {
