@@ -17,7 +17,6 @@ pub use preset::Preset;
 
 use crate::filter::FilterConfig;
 use crate::map::MapConfig;
-use crate::motion_model::MotionConfig;
 use crate::odometry::{OdometryConfig, ScanConfig};
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::RobotConfig;
@@ -40,8 +39,6 @@ pub struct Config {
     pub scan: ScanConfig,
     /// The occupancy grid.
     pub map: MapConfig,
-    /// Noise of the motion between scans.
-    pub motion: MotionConfig,
     /// Scan matching.
     pub matcher: MatcherConfig,
     /// The particle filter.

@@ -1,5 +1,6 @@
 //! What the robot's sensors deliver, and how they are calibrated.
 
+mod ece276a;
 mod encoders;
 mod image;
 mod imu;

@@ -1,0 +1,81 @@
+//! What can go wrong on a simulated drive.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A fault, with the seconds since the start of the drive at which it happens.
+///
+/// The truth knows of all of them: it is always where the robot really is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Fault {
+    /// The robot is lifted and set down farther along its route; neither wheels nor gyro notice.
+    Kidnapping {
+        /// When, seconds.
+        at_s: f64,
+        /// How far along the route, metres.
+        ahead_m: f64,
+    },
+    /// The wheels spin: they turn farther than the robot drives.
+    WheelSlip {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+        /// By which share they turn too far; 1 means twice the distance.
+        share: f64,
+    },
+    /// The encoders count nothing.
+    EncodersStuck {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// Once a second the encoders count a distance that was not driven, forwards or backwards.
+    EncodersJump {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+        /// Length of each jump, metres.
+        jump_m: f64,
+    },
+    /// The encoders lose their sign: what is driven in reverse counts as driven ahead.
+    EncodersSignLost {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// No scan arrives.
+    LidarDropout {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+    },
+    /// Nothing comes back from many of the rays.
+    RaysLost {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+        /// Share of the rays.
+        share: f64,
+    },
+    /// People walk along with the robot, around it.
+    PeopleAlong {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+        /// How many people.
+        people: usize,
+    },
+}
+
+/// Whether `time_s` lies within `for_s` seconds from `from_s` on.
+pub(super) fn within(time_s: f64, from_s: f64, for_s: f64) -> bool {
+    time_s >= from_s && time_s < from_s + for_s
+}

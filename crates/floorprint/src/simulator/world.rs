@@ -1,0 +1,118 @@
+//! What a simulated robot drives through: walls, people, a painted floor and a route.
+
+use super::fault::{Fault, within};
+use super::floor::Floor;
+use super::ray_caster::RayCaster;
+use super::walker::{Walker, companion_legs_m};
+use crate::geometry::Pose2;
+
+/// A world, in its own frame: metres, the origin at a corner of the building.
+///
+/// Everything stands from the floor to the ceiling, so that a LiDAR and a camera of
+/// any height see the same outline.
+#[derive(Debug, Clone)]
+pub struct World {
+    pub(super) name: String,
+    pub(super) walls: Vec<Wall>,
+    pub(super) walkers: Vec<Walker>,
+    pub(super) floor: Floor,
+    pub(super) route: Vec<Waypoint>,
+}
+
+/// A straight piece of wall.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wall {
+    /// One end, metres.
+    pub from_m: [f64; 2],
+    /// The other end, metres.
+    pub to_m: [f64; 2],
+    /// What it is made of.
+    pub material: Material,
+    /// Its paint.
+    pub color: [u8; 3],
+}
+
+/// What a wall is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Material {
+    /// Stops light.
+    Opaque,
+    /// Invisible to the camera; a LiDAR's ray passes through with this probability.
+    Glass {
+        /// Probability that a ray passes.
+        pass_probability: f64,
+    },
+}
+
+/// A corner of the robot's route.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waypoint {
+    /// Where, metres.
+    pub position_m: [f64; 2],
+    /// Whether the robot gets there in reverse.
+    pub in_reverse: bool,
+}
+
+impl World {
+    /// The world's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its walls, furniture and pillars.
+    #[must_use]
+    pub fn walls(&self) -> &[Wall] {
+        &self.walls
+    }
+
+    /// The route's corners; the robot starts at the first.
+    #[must_use]
+    pub fn route(&self) -> &[Waypoint] {
+        &self.route
+    }
+
+    /// Where the route starts, looking along its first leg: `building_from_start`.
+    #[must_use]
+    pub fn start(&self) -> Pose2 {
+        match self.route.as_slice() {
+            [first, second, ..] => {
+                let [dx, dy] = [second.position_m[0] - first.position_m[0], second.position_m[1] - first.position_m[1]];
+                let turn = if second.in_reverse { std::f64::consts::PI } else { 0.0 };
+                Pose2::new(first.position_m[0], first.position_m[1], dy.atan2(dx) + turn)
+            }
+            [only] => Pose2::new(only.position_m[0], only.position_m[1], 0.0),
+            [] => Pose2::IDENTITY,
+        }
+    }
+
+    /// The corners of the smallest upright rectangle around the walls: lowest and highest (x, y), metres.
+    #[must_use]
+    pub fn bounds_m(&self) -> [[f64; 2]; 2] {
+        let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+        for point in self.walls.iter().flat_map(|wall| [wall.from_m, wall.to_m]) {
+            for axis in 0..2 {
+                bounds[0][axis] = bounds[0][axis].min(point[axis]);
+                bounds[1][axis] = bounds[1][axis].max(point[axis]);
+            }
+        }
+        bounds
+    }
+
+    /// Where people's legs are at a time, metres, when the robot is at `robot`.
+    pub(super) fn legs_m(&self, time_s: f64, robot: &Pose2, faults: &[Fault]) -> Vec<[f64; 2]> {
+        let mut legs: Vec<[f64; 2]> = self.walkers.iter().flat_map(|walker| walker.legs_m(time_s, robot)).collect();
+        for fault in faults {
+            if let Fault::PeopleAlong { from_s, for_s, people } = *fault
+                && within(time_s, from_s, for_s)
+            {
+                legs.extend((0..people).flat_map(|index| companion_legs_m(index, people, time_s, robot)));
+            }
+        }
+        legs
+    }
+
+    pub(super) fn ray_caster(&self) -> RayCaster {
+        RayCaster::new(&self.walls)
+    }
+}

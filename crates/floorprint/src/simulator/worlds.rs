@@ -1,0 +1,245 @@
+//! The named worlds.
+
+use super::SimulationError;
+use super::floor_plan::{FloorPlan, Rectangle};
+use super::world::World;
+use rand::RngExt;
+
+type Builder = fn(u64) -> FloorPlan;
+
+/// Every world with the function that draws it.
+const WORLDS: [(&str, Builder); 10] = [
+    ("rooms", rooms),
+    ("corridors", corridors),
+    ("loop", small_loop),
+    ("pillars", pillars),
+    ("glass", glass),
+    ("people", people),
+    ("figure_of_eight", figure_of_eight),
+    ("five_corridors", five_corridors),
+    ("long_loop", long_loop),
+    ("long_office", long_office),
+];
+
+impl World {
+    /// The names of all worlds.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        WORLDS.iter().map(|(name, _)| *name)
+    }
+
+    /// The world of a name; furniture, recesses and colours come from the seed.
+    ///
+    /// # Errors
+    /// When no world has that name.
+    pub fn named(name: &str, seed: u64) -> Result<Self, SimulationError> {
+        let builder = WORLDS.iter().find(|(known, _)| *known == name).map(|(_, builder)| builder);
+        let builder = builder.ok_or_else(|| SimulationError::unknown_world(name))?;
+        Ok(builder(seed).build(name))
+    }
+}
+
+/// An office: a corridor with rooms on both sides, two of which are joined by a door.
+fn rooms(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 1);
+    let corridor = plan.space([0.0, 14.0], [0.0, 2.0]);
+    let north = [plan.space([0.0, 6.8], [2.2, 7.0]), plan.space([7.0, 14.0], [2.2, 7.0])];
+    let south = [
+        plan.space([0.0, 4.5], [-4.4, -0.2]),
+        plan.space([4.7, 9.3], [-4.4, -0.2]),
+        plan.space([9.5, 14.0], [-4.4, -0.2]),
+    ];
+    plan.space([1.1, 2.3], [2.0, 2.2]);
+    plan.space([10.9, 12.1], [2.0, 2.2]);
+    plan.space([6.8, 7.0], [3.9, 5.1]);
+    plan.space([2.0, 3.0], [-0.2, 0.0]);
+    plan.space([6.3, 7.5], [-0.2, 0.0]);
+    plan.space([11.0, 12.0], [-0.2, 0.0]);
+    plan.niches(corridor);
+    plan.drive_to(&[[6.0, 1.0], [1.7, 1.0], [1.7, 4.5], [11.5, 4.5], [11.5, 1.0], [6.9, 1.0], [6.9, -2.6]]);
+    plan.back_up_to([6.9, 1.0]);
+    plan.drive_to(&[[3.5, 1.0]]);
+    for room in north.into_iter().chain(south) {
+        plan.furnish(room, 7);
+    }
+    plan
+}
+
+/// A main corridor, three that branch off and one that joins them.
+fn corridors(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 2);
+    let mut spaces = vec![plan.space([0.0, 26.0], [0.0, 2.0]), plan.space([4.0, 21.8], [12.0, 14.0])];
+    spaces.extend([4.0, 12.0, 20.0].map(|left| plan.space([left, left + 1.8], [2.0, 12.0])));
+    for space in spaces {
+        plan.niches(space);
+    }
+    plan.drive_to(&[[1.0, 1.0], [4.9, 1.0], [4.9, 13.0], [20.9, 13.0], [20.9, 1.0], [12.9, 1.0], [12.9, 8.0]]);
+    plan.back_up_to([12.9, 1.2]);
+    plan.drive_to(&[[2.0, 1.0]]);
+    plan
+}
+
+/// A corridor around a block.
+fn small_loop(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 3);
+    plan.ring([0.0, 18.0], [0.0, 12.0], 2.0);
+    plan.drive_to(&[[5.0, 1.0], [17.0, 1.0], [17.0, 11.0], [1.0, 11.0], [1.0, 1.0], [9.0, 1.0]]);
+    plan
+}
+
+/// A hall with round pillars.
+fn pillars(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 4);
+    let hall = plan.space([0.0, 18.0], [0.0, 13.0]);
+    plan.niches(hall);
+    for column in 1..=3 {
+        for row in 1..=2 {
+            let [dx, dy] = std::array::from_fn(|_| plan.random().random_range(-0.4..0.4));
+            let radius_m = plan.random().random_range(0.2..0.45);
+            plan.pillar([4.5 * f64::from(column) + dx, 4.33 * f64::from(row) + dy], radius_m);
+        }
+    }
+    plan.drive_to(&[
+        [2.0, 2.0],
+        [16.0, 2.0],
+        [16.0, 6.5],
+        [2.0, 6.5],
+        [2.0, 11.0],
+        [16.0, 11.0],
+        [16.0, 6.6],
+        [11.25, 6.4],
+        [11.25, 2.5],
+    ]);
+    plan.furnish(hall, 6);
+    plan
+}
+
+/// A corridor between rooms behind glass; one of them is open.
+fn glass(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 5);
+    let corridor = plan.space([0.0, 20.0], [0.0, 2.4]);
+    plan.niches(Rectangle { x: corridor.x, y: [0.0, 2.0] });
+    let rooms = [plan.space([1.0, 9.0], [2.4, 7.0]), plan.space([10.0, 19.0], [2.4, 7.0])];
+    for [from, to] in [[1.0, 3.8], [5.2, 9.0], [10.0, 19.0]] {
+        plan.glass([from, 2.4], [to, 2.4]);
+    }
+    plan.drive_to(&[[1.5, 1.2], [4.5, 1.2], [4.5, 5.0], [7.5, 5.0], [4.5, 4.6], [4.5, 1.2], [18.5, 1.2], [10.0, 1.2]]);
+    for room in rooms {
+        plan.furnish(room, 6);
+    }
+    plan
+}
+
+/// A hall in which people walk about.
+fn people(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 6);
+    let hall = plan.space([0.0, 16.0], [0.0, 10.0]);
+    let corridor = plan.space([16.0, 26.0], [4.0, 6.0]);
+    plan.niches(corridor);
+    plan.drive_to(&[
+        [2.0, 2.0],
+        [13.0, 2.0],
+        [13.0, 5.0],
+        [24.0, 5.0],
+        [13.0, 5.2],
+        [13.0, 8.0],
+        [2.0, 8.0],
+        [2.0, 3.0],
+    ]);
+    plan.furnish(hall, 10);
+    for _ in 0..8 {
+        let mut corner = || [plan.random().random_range(0.6..15.4), plan.random().random_range(0.6..9.4)];
+        let line = [corner(), corner(), corner()];
+        plan.walker(&line);
+    }
+    plan.walker(&[[14.0, 4.5], [25.5, 4.5]]);
+    plan
+}
+
+/// Two loops that share a corridor.
+fn figure_of_eight(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 7);
+    plan.ring([0.0, 30.0], [0.0, 20.0], 2.0);
+    plan.ring([28.0, 58.0], [0.0, 20.0], 2.0);
+    for _ in 0..2 {
+        plan.drive_to(&[[29.0, 6.0], [29.0, 19.0], [1.0, 19.0], [1.0, 1.0], [29.0, 1.0]]);
+        plan.drive_to(&[[29.0, 6.0], [29.0, 19.0], [57.0, 19.0], [57.0, 1.0], [29.0, 1.0]]);
+    }
+    plan.drive_to(&[[29.0, 10.0]]);
+    plan
+}
+
+/// Five corridors that look the same, joined at both ends.
+fn five_corridors(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 8);
+    for index in 0..5 {
+        let y = 8.0 * f64::from(index);
+        plan.space([0.0, 24.0], [y, y + 2.0]);
+        for door in [5.0, 11.0, 17.0] {
+            plan.space([door, door + 1.0], [y - 0.12, y + 2.12]);
+        }
+    }
+    plan.space([0.0, 2.0], [0.0, 34.0]);
+    plan.space([22.0, 24.0], [0.0, 34.0]);
+    plan.drive_to(&[[12.0, 1.0], [23.0, 1.0], [23.0, 9.0], [1.0, 9.0], [1.0, 17.0], [23.0, 17.0], [23.0, 25.0]]);
+    plan.drive_to(&[[1.0, 25.0], [1.0, 33.0], [23.0, 33.0], [23.0, 1.0], [1.0, 1.0], [1.0, 33.0], [12.0, 33.0]]);
+    plan
+}
+
+/// A corridor of 500 m around a block, driven once and a bit.
+fn long_loop(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 9);
+    plan.ring([0.0, 152.0], [0.0, 102.0], 2.0);
+    plan.drive_to(&[[70.0, 1.0], [151.0, 1.0], [151.0, 101.0], [1.0, 101.0], [1.0, 1.0], [85.0, 1.0]]);
+    plan
+}
+
+/// An office of ten corridors: a drive of two kilometres past and into its rooms.
+fn long_office(seed: u64) -> FloorPlan {
+    office(FloorPlan::new(seed, 10), 10, 24, 3)
+}
+
+/// Parallel corridors joined at both ends, each with `rooms` rooms a side. The route takes the
+/// corridors in turn, looks into every `visit_every`-th room and returns to its start.
+fn office(mut plan: FloorPlan, corridors: usize, rooms: usize, visit_every: usize) -> FloorPlan {
+    const ROOM_M: f64 = 5.0;
+    const SPACING_M: f64 = 12.0;
+    let length_m = 2.0 * 2.4 + rooms as f64 * ROOM_M;
+    let mut furnished = Vec::new();
+    for index in 0..corridors {
+        let y = SPACING_M * index as f64;
+        let corridor = plan.space([0.0, length_m], [y, y + 2.0]);
+        plan.niches(corridor);
+        for room in 0..rooms {
+            let x = 2.4 + room as f64 * ROOM_M;
+            for (north, [bottom, top], door) in
+                [(true, [y + 2.2, y + 5.9], [y + 2.0, y + 2.2]), (false, [y - 3.9, y - 0.2], [y - 0.2, y])]
+            {
+                let door_m = x + if north { 1.4 } else { 3.0 };
+                furnished.push(plan.space([x, x + ROOM_M - 0.2], [bottom, top]));
+                plan.space([door_m - 0.6, door_m + 0.6], door);
+            }
+        }
+    }
+    let height_m = SPACING_M * (corridors - 1) as f64 + 2.0;
+    plan.space([0.0, 2.0], [0.0, height_m]);
+    plan.space([length_m - 2.0, length_m], [0.0, height_m]);
+    for index in 0..corridors {
+        let y = SPACING_M * index as f64 + 1.0;
+        let eastwards = index % 2 == 0;
+        plan.drive_to(&[[if eastwards { 1.0 } else { length_m - 1.0 }, y]]);
+        for step in (0..rooms).filter(|room| room % visit_every == 1) {
+            let room = if eastwards { step } else { rooms - 1 - step };
+            let north = step % 2 == 0;
+            let x = 2.4 + room as f64 * ROOM_M + if north { 1.4 } else { 3.0 };
+            let inside = [x, if north { y + 2.6 } else { y - 2.6 }];
+            plan.drive_to(&[[x, y], inside]);
+            plan.back_up_to([x, y]);
+        }
+        plan.drive_to(&[[if eastwards { length_m - 1.0 } else { 1.0 }, y]]);
+    }
+    plan.drive_to(&[[1.0, height_m - 1.0], [1.0, 1.0], [6.0, 1.0]]);
+    for room in furnished {
+        plan.furnish(room, 4);
+    }
+    plan
+}
