@@ -8,12 +8,59 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct TextureConfig {
     /// Side of a cell of the floor map, metres.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.005, max = 1.0))]
     pub resolution_m: f64,
+    /// How several images of one cell become one colour.
+    pub blend: Blend,
+    /// How much sharper views are preferred: a view's weight falls with this power of the
+    /// area that one of its pixels covers on the floor. 0 weighs all views alike.
+    #[schemars(range(min = 0.0, max = 20.0))]
+    pub sharpness: f64,
+    /// Floor farther from the camera than this is not painted, metres along the optical axis.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub distance_max_m: f64,
+    /// A depth pixel belongs to the floor when it lies within this height of the fitted plane, metres.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    pub plane_tolerance_m: f64,
+    /// The fitted floor may be tilted against the stated camera mount by at most this, radians.
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub tilt_max_rad: f64,
+    /// The fitted floor may lie above or below the stated one by at most this, metres.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub height_error_max_m: f64,
+    /// Time constant over which the floor planes of neighbouring images are averaged, seconds.
+    #[schemars(range(min = 0.0))]
+    pub tilt_smoothing_s: f64,
+    /// A disparity and a colour image form a pair when their stamps differ by at most this, seconds.
+    #[schemars(range(min = 0.0))]
+    pub pairing_gap_max_s: f64,
 }
 
 impl Default for TextureConfig {
     fn default() -> Self {
-        Self { resolution_m: 0.02 }
+        Self {
+            resolution_m: 0.02,
+            blend: Blend::Mean,
+            sharpness: 3.0,
+            distance_max_m: 4.0,
+            plane_tolerance_m: 0.015,
+            tilt_max_rad: 0.07,
+            height_error_max_m: 0.06,
+            tilt_smoothing_s: 5.0,
+            pairing_gap_max_s: 0.1,
+        }
     }
+}
+
+/// How several images of one cell become one colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Blend {
+    /// The weighted mean.
+    #[default]
+    Mean,
+    /// The weighted median of each channel: what was there only once (a passer-by) disappears.
+    Median,
+    /// The newest image that sees the cell sharply.
+    Newest,
 }

@@ -1,5 +1,18 @@
-//! The colour map of the floor.
+//! The colour map of the floor (report §III.B, eqs. 23–29).
 
+mod camera;
+mod camera_error;
 mod config;
+mod floor_mapper;
+mod floor_patch;
+mod floor_plane;
+mod painter;
+mod pairing;
 
-pub use config::TextureConfig;
+pub use camera_error::CameraError;
+pub use config::{Blend, TextureConfig};
+pub use floor_mapper::{FloorMapper, RgbdFrame, SkipReason};
+pub use floor_patch::FloorPatch;
+pub use floor_plane::FloorTilt;
+pub use painter::TextureMap;
+pub use pairing::{ImagePair, ImagePairing, pair_by_time};
