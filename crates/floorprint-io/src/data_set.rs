@@ -2,6 +2,7 @@
 
 use crate::error::ReadError;
 use crate::format::{self, Format};
+use crate::images::ImageIndex;
 use crate::source::Source;
 use floorprint::sensors::{Record, RobotConfig, Scan};
 use std::collections::BTreeMap;
@@ -24,11 +25,14 @@ pub struct DataSet {
     pub robot: RobotConfig,
     /// What the sensors delivered, in the order in which it is to be processed.
     pub records: Vec<Record>,
+    /// The camera's images; none when there are none.
+    pub images: Option<ImageIndex>,
     /// What was found in the files but could not be used.
     pub dropped: DropCounts,
     /// Plain sentences for the user: what is missing, what was assumed.
     pub notes: Vec<String>,
-    /// SHA-256 of the input. Of a single file it is what `sha256sum` prints.
+    /// SHA-256 of the input. Of a single file it is what `sha256sum` prints; of a folder it is taken
+    /// over the list of its files, with the hash of each archive and the size of each image.
     pub input_hash: String,
 }
 
@@ -61,6 +65,12 @@ pub enum DropReason {
     EmptyScan,
     /// A scan of another laser than the one that is used.
     OtherLaser,
+    /// A reading whose time stamp runs backwards, repeats the one before or is not a number.
+    StampJump,
+    /// A reading with a value that is not a number or infinite.
+    NotFinite,
+    /// An image whose stamp is there but whose file is not.
+    MissingImage,
 }
 
 impl DropReason {
@@ -71,6 +81,9 @@ impl DropReason {
             Self::MalformedLine => "lines that are cut off or garbled",
             Self::EmptyScan => "scans without rays",
             Self::OtherLaser => "scans of lasers that are not used",
+            Self::StampJump => "readings whose time stamps jump or repeat",
+            Self::NotFinite => "readings that are not finite numbers",
+            Self::MissingImage => "images that are not there",
         }
     }
 }

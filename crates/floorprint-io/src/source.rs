@@ -3,6 +3,7 @@
 use crate::error::{Problem, ReadError};
 use flate2::read::MultiGzDecoder;
 use sha2::{Digest, Sha256};
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -28,10 +29,12 @@ pub(crate) struct FileSource {
     head: Vec<u8>,
 }
 
-/// A folder.
+/// A folder with what lies in it.
 pub(crate) struct FolderSource {
     /// Where it lies.
     pub(crate) path: PathBuf,
+    /// Names of its entries.
+    pub(crate) names: BTreeSet<String>,
 }
 
 impl Source {
@@ -42,7 +45,8 @@ impl Source {
             _ => ReadError::io(path, &error),
         })?;
         if metadata.is_dir() {
-            return Ok(Self::Folder(FolderSource { path: path.to_path_buf() }));
+            let names = folder_names(path).map_err(|error| ReadError::io(path, &error))?;
+            return Ok(Self::Folder(FolderSource { path: path.to_path_buf(), names }));
         }
         if !metadata.is_file() {
             return Err(Problem::new(path, "neither a file nor a folder").expected("a recorded data set").into());
@@ -109,22 +113,42 @@ impl FileSource {
     }
 }
 
-/// Bytes as hexadecimal digits.
-pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
-    use std::fmt::Write;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+/// The hash of an input of several files: SHA-256 over a list of them, which is what `sha256sum`
+/// prints for the files that are read whole, and name and size for the images.
+#[derive(Default)]
+pub(crate) struct InputHash(Sha256);
+
+impl InputHash {
+    /// Adds a file with its content.
+    pub(crate) fn add_content(&mut self, path: &Path, bytes: &[u8]) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        self.0.update(format!("{}  {name}\n", hexadecimal(&Sha256::digest(bytes))));
+    }
+
+    /// Adds a file with its size only.
+    pub(crate) fn add_size(&mut self, path: &Path) -> io::Result<()> {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        self.0.update(format!("{}  {name}\n", fs::metadata(path)?.len()));
+        Ok(())
+    }
+
+    /// The hash in hexadecimal digits.
+    pub(crate) fn finish(self) -> String {
+        hexadecimal(&self.0.finalize())
+    }
 }
 
-/// Names of a folder's entries, sorted; names that are no text are left out.
-fn folder_names(path: &Path) -> io::Result<Vec<String>> {
-    let mut names = Vec::new();
+/// Bytes as hexadecimal digits.
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Names of a folder's entries; names that are no text are left out.
+pub(crate) fn folder_names(path: &Path) -> io::Result<BTreeSet<String>> {
+    let mut names = BTreeSet::new();
     for entry in fs::read_dir(path)? {
         names.extend(entry?.file_name().into_string());
     }
-    names.sort_unstable();
     Ok(names)
 }
 

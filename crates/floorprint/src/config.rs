@@ -17,6 +17,7 @@ pub use preset::Preset;
 
 use crate::filter::FilterConfig;
 use crate::map::MapConfig;
+use crate::motion_model::MotionConfig;
 use crate::odometry::{OdometryConfig, ScanConfig};
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::RobotConfig;
@@ -39,6 +40,8 @@ pub struct Config {
     pub scan: ScanConfig,
     /// The occupancy grid.
     pub map: MapConfig,
+    /// Noise of the motion between scans.
+    pub motion: MotionConfig,
     /// Scan matching.
     pub matcher: MatcherConfig,
     /// The particle filter.

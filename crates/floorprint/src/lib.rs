@@ -10,14 +10,17 @@ pub mod filter;
 mod frame;
 pub mod geometry;
 pub mod map;
+pub mod motion_model;
 pub mod odometry;
 mod profiler;
 pub mod random;
 pub mod scan_matcher;
 pub mod sensors;
 pub mod simulator;
+mod slam;
 pub mod texture;
 
 pub use config::Config;
 pub use frame::{BodyScan, Frame, Points};
 pub use profiler::{NoProfiler, Phase, Profiler};
+pub use slam::{Slam, SlamError, SlamResult, StepReport};

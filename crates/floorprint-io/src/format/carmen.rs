@@ -125,6 +125,7 @@ impl Log {
             format: FORMAT,
             robot: calibration::carmen(),
             records: self.records,
+            images: None,
             dropped: self.dropped,
             notes: Vec::new(),
             input_hash: file.hash(),

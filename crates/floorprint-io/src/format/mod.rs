@@ -1,13 +1,15 @@
 //! The formats of data sets: one file each, recognised by content.
 
 mod carmen;
+mod ece276a;
+mod encoder_log;
 
 use crate::data_set::{DataSet, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::source::Source;
 
 /// All formats, in the order in which they are tried.
-const FORMATS: [Format; 1] = [carmen::FORMAT];
+const FORMATS: [Format; 3] = [ece276a::FORMAT, carmen::FORMAT, encoder_log::FORMAT];
 
 /// A way in which data sets are stored.
 #[derive(Debug, Clone, Copy)]

@@ -23,7 +23,7 @@ impl Default for FilterConfig {
     fn default() -> Self {
         Self {
             kind: FilterKind::RaoBlackwellized,
-            particles: 8,
+            particles: 1,
             resampler: ResamplerKind::Systematic,
             resample_below: 0.5,
         }

@@ -19,11 +19,22 @@ pub struct MapConfig {
     /// Log-odds stay within ± this; the report's 100.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub limit_log_odds: f64,
+    /// The final map is drawn from scans at least this far apart, metres …
+    pub redraw_distance_m: f64,
+    /// … or turned by at least this much, radians.
+    pub redraw_angle_rad: f64,
 }
 
 impl Default for MapConfig {
     fn default() -> Self {
         let log_gamma = 9.0_f64.ln();
-        Self { resolution_m: 0.05, hit_log_odds: 4.0 * log_gamma, pass_log_odds: log_gamma, limit_log_odds: 100.0 }
+        Self {
+            resolution_m: 0.05,
+            hit_log_odds: 4.0 * log_gamma,
+            pass_log_odds: log_gamma,
+            limit_log_odds: 100.0,
+            redraw_distance_m: 0.05,
+            redraw_angle_rad: 0.03,
+        }
     }
 }

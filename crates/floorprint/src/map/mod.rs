@@ -1,7 +1,16 @@
 //! Occupancy grids and the fields that scans are matched against.
 
+mod cell;
 mod config;
+mod occupancy_grid;
 mod raster;
+mod ray;
+mod surface_map;
+mod tile_grid;
 
+pub use cell::Cell;
 pub use config::MapConfig;
+pub use occupancy_grid::{Flip, OccupancyGrid};
 pub use raster::{Occupancy, Raster};
+pub use ray::passed_cells;
+pub use surface_map::{Surface, SurfaceMap};

@@ -5,6 +5,7 @@
 //! interval would make 10 m/s; a reading's distance needs no interval at all, so it is
 //! used as it is. Eq. 14's y component must read v sin θ (the report prints v sin).
 
+use super::median;
 use crate::sensors::{EncoderReading, WheelConfig};
 
 /// What one encoder reading says about the motion up to its stamp.
@@ -33,7 +34,8 @@ impl WheelStep {
 /// first reading is taken to have counted for one usual interval.
 pub(super) fn wheel_steps(readings: &[EncoderReading], stamps_s: &[f64], wheels: &WheelConfig) -> Vec<WheelStep> {
     let Some(&first_s) = stamps_s.first() else { return Vec::new() };
-    let mut to_s = first_s - median_interval_s(stamps_s).unwrap_or(0.0);
+    let mut intervals_s: Vec<f64> = stamps_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let mut to_s = first_s - median(&mut intervals_s).unwrap_or(0.0).max(0.0);
     let mut steps = Vec::with_capacity(readings.len());
     for (reading, &stamp_s) in readings.iter().zip(stamps_s) {
         let left_m = reading.left_ticks * wheels.left_m_per_tick;
@@ -43,13 +45,6 @@ pub(super) fn wheel_steps(readings: &[EncoderReading], stamps_s: &[f64], wheels:
         steps.push(WheelStep { from_s, to_s, distance_m: (left_m + right_m) / 2.0, difference_m: right_m - left_m });
     }
     steps
-}
-
-/// The usual time between stamps, seconds; `None` for fewer than two.
-pub(super) fn median_interval_s(stamps_s: &[f64]) -> Option<f64> {
-    let mut intervals: Vec<f64> = stamps_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let middle = intervals.len() / 2;
-    (!intervals.is_empty()).then(|| *intervals.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]

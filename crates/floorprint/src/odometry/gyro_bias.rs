@@ -33,6 +33,26 @@ impl BiasEstimate {
             (None, None) => 0.0,
         }
     }
+
+    /// What the user should know of it.
+    pub(super) fn remark(&self, mode: GyroBias) -> Option<String> {
+        let degrees = |bias: f64| bias.to_degrees();
+        match (self.knots.first(), self.knots.last()) {
+            _ if mode == GyroBias::None => None,
+            (Some((_, first)), Some((_, last))) if self.knots.len() > 1 => Some(format!(
+                "the gyro's bias drifts from {:.4} to {:.4} °/s, seen over {:.1} s at rest",
+                degrees(*first),
+                degrees(*last),
+                self.standstill_s
+            )),
+            (Some((_, bias)), _) => Some(format!(
+                "the gyro's bias is {:.4} °/s, seen over {:.1} s at rest",
+                degrees(*bias),
+                self.standstill_s
+            )),
+            (None, _) => Some("the robot never stands still: no bias is taken off the gyro".to_owned()),
+        }
+    }
 }
 
 /// Estimates the bias from the yaw rates (rad/s, in order of `stamps_s`) while no wheel ticks.
@@ -112,4 +132,70 @@ fn drift_shows(rests: &[Rest]) -> bool {
     rests.iter().enumerate().any(|(index, a)| {
         rests[..index].iter().any(|b| (a.bias - b.bias).abs() > DRIFT_SIGNIFICANCE * a.error.hypot(b.error))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A robot that stands still over the given stretches of a minute and drives otherwise.
+    fn steps(rests: &[[f64; 2]]) -> Vec<WheelStep> {
+        (0..2400)
+            .map(|k| f64::from(k) * 0.025)
+            .map(|from_s| {
+                let rests = rests.iter().any(|rest| from_s >= rest[0] && from_s < rest[1]);
+                let distance_m = if rests { 0.0 } else { 0.02 };
+                WheelStep { from_s, to_s: from_s + 0.025, distance_m, difference_m: 0.0 }
+            })
+            .collect()
+    }
+
+    /// Rates at 100 Hz: the given signal with a repeatable noise of 0.004 rad/s.
+    fn rates(signal: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<f64>) {
+        let noise = |k: u32| 0.004 * 2.0_f64.sqrt() * (f64::from(k) * 2.399).sin();
+        let stamps_s: Vec<f64> = (0..6000).map(|k| f64::from(k) * 0.01).collect();
+        let rates = (0..).zip(&stamps_s).map(|(k, &stamp_s)| signal(stamp_s) + noise(k)).collect();
+        (stamps_s, rates)
+    }
+
+    fn driving(from_s: f64, to_s: f64, bias: f64) -> impl Fn(f64) -> f64 {
+        move |stamp_s| if stamp_s > from_s && stamp_s < to_s { 0.5 * stamp_s.sin() } else { bias }
+    }
+
+    #[test]
+    fn a_constant_bias_shows_no_drift() {
+        let (stamps_s, rates) = rates(driving(10.0, 50.0, 0.01));
+        let bias =
+            estimate_bias(GyroBias::StandstillWithDrift, &steps(&[[0.0, 10.0], [50.0, 60.0]]), &stamps_s, &rates);
+        assert_eq!(bias.knots.len(), 1);
+        assert!((bias.at(30.0) - 0.01).abs() < 1e-4 && (bias.standstill_s - 18.8).abs() < 0.1);
+    }
+
+    #[test]
+    fn a_drift_is_followed_only_where_asked_for() {
+        let (stamps_s, rates) = rates(|stamp_s| 0.001 * stamp_s);
+        let estimate = |mode| estimate_bias(mode, &steps(&[[0.0, 10.0], [50.0, 60.0]]), &stamps_s, &rates);
+        let drifting = estimate(GyroBias::StandstillWithDrift);
+        assert!((drifting.at(20.0) - 0.02).abs() < 2e-4, "{drifting:?}");
+        assert!((estimate(GyroBias::Standstill).at(20.0) - 0.03).abs() < 2e-4);
+        assert_eq!(estimate(GyroBias::None).at(20.0), 0.0);
+    }
+
+    #[test]
+    fn a_robot_that_is_carried_with_still_wheels_is_not_at_rest() {
+        let carried = |stamp_s: f64| if stamp_s > 50.0 { 0.3 * (3.0 * stamp_s).sin() } else { 0.01 };
+        let (stamps_s, rates) = rates(carried);
+        let bias =
+            estimate_bias(GyroBias::StandstillWithDrift, &steps(&[[0.0, 10.0], [50.0, 60.0]]), &stamps_s, &rates);
+        assert_eq!(bias.knots.len(), 1);
+        assert!((bias.at(0.0) - 0.01).abs() < 1e-4);
+    }
+
+    #[test]
+    fn without_a_standstill_there_is_no_bias() {
+        let (stamps_s, rates) = rates(|_| 0.01);
+        let bias = estimate_bias(GyroBias::StandstillWithDrift, &steps(&[]), &stamps_s, &rates);
+        assert_eq!(bias, BiasEstimate::default());
+        assert!(bias.remark(GyroBias::Standstill).is_some_and(|remark| remark.contains("never stands still")));
+    }
 }

@@ -43,6 +43,17 @@ impl GyroHeading {
         (interval_s <= LONGEST_GAP_S && to_s <= self.stamps_s[next])
             .then(|| (self.heading_rad[next] - self.heading_rad[before]) * (to_s - from_s) / interval_s)
     }
+
+    /// The turn between any two times, radians; `None` where the gyro was silent for a part of it.
+    pub(super) fn total_turn_rad(&self, from_s: f64, to_s: f64) -> Option<f64> {
+        let mut sum = 0.0;
+        let mut from_s = from_s;
+        for &cut_s in self.stamps_within(from_s, to_s).iter().chain(&[to_s]) {
+            sum += self.turn_rad(from_s, cut_s)?;
+            from_s = cut_s;
+        }
+        Some(sum)
+    }
 }
 
 /// The stamps (seconds) and yaw rates (rad/s) of the readings, in order of time.
@@ -51,4 +62,43 @@ pub(super) fn yaw_rates(readings: &[ImuReading]) -> (Vec<f64>, Vec<f64>) {
         readings.iter().map(|reading| (reading.stamp_s, reading.angular_velocity_rad_s[2])).collect();
     samples.sort_by(|a, b| a.0.total_cmp(&b.0));
     samples.into_iter().unzip()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heading(stamps_s: &[f64], rate: impl Fn(f64) -> f64) -> GyroHeading {
+        let rates: Vec<f64> = stamps_s.iter().map(|&stamp_s| rate(stamp_s)).collect();
+        GyroHeading::new(stamps_s.to_vec(), &rates)
+    }
+
+    #[test]
+    fn integrates_over_the_true_intervals() {
+        let uneven = heading(&[0.0, 0.01, 0.015, 0.05, 0.1], |stamp_s| 2.0 * stamp_s);
+        assert!((uneven.total_turn_rad(0.0, 0.1).unwrap() - 0.01).abs() < 1e-12);
+        let half = uneven.turn_rad(0.05, 0.075).unwrap();
+        assert!((half - 0.0075 / 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn says_nothing_outside_its_span_and_in_gaps() {
+        let gap = heading(&[0.0, 0.05, 0.5, 0.55], |_| 1.0);
+        assert_eq!(gap.turn_rad(-0.01, 0.0), None);
+        assert_eq!(gap.turn_rad(0.1, 0.2), None);
+        assert_eq!(gap.turn_rad(0.55, 0.6), None);
+        assert_eq!(gap.total_turn_rad(0.0, 0.55), None);
+        assert!((gap.turn_rad(0.51, 0.52).unwrap() - 0.01).abs() < 1e-12);
+    }
+
+    #[test]
+    fn readings_are_put_in_order_of_time() {
+        let reading = |stamp_s, rate| ImuReading {
+            stamp_s,
+            angular_velocity_rad_s: [9.0, 9.0, rate],
+            linear_acceleration_m_s2: [0.0; 3],
+        };
+        let sorted = yaw_rates(&[reading(2.0, 0.2), reading(1.0, 0.1)]);
+        assert_eq!(sorted, (vec![1.0, 2.0], vec![0.1, 0.2]));
+    }
 }

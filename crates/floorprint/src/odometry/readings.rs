@@ -2,11 +2,14 @@
 
 use super::config::OdometrySource;
 use super::dead_reckoning::DeadReckoning;
-use super::differential_drive::wheel_steps;
+use super::differential_drive::{WheelStep, wheel_steps};
+use super::encoder_clock::EncoderClock;
 use super::gyro_bias::estimate_bias;
 use super::gyro_heading::{GyroHeading, yaw_rates};
+use super::low_pass::low_pass;
 use super::summary::Dropped;
 use super::synchronizer::OdometryError;
+use super::track_width::effective_track_width_m;
 use super::wheel_odometry::integrate;
 use crate::config::Config;
 use crate::sensors::{EncoderReading, ImuReading, Record, StampedPose, WheelConfig};
@@ -113,26 +116,56 @@ impl Readings {
         config: &Config,
         notes: &mut Vec<String>,
     ) -> Vec<StampedPose> {
-        let stamps_s: Vec<f64> = self.encoders.iter().map(|reading| reading.stamp_s).collect();
-        let steps = wheel_steps(&self.encoders, &stamps_s, wheels);
-        if source == OdometrySource::Wheels {
-            if self.imu.is_empty() {
-                notes.push("no IMU: yaw from the wheels".to_owned());
-            }
+        let steps = wheel_steps(&self.encoders, &self.counting_stamps_s(config, notes), wheels);
+        if self.imu.is_empty() {
+            notes.push("no IMU: yaw from the wheels".to_owned());
             return integrate(&steps, &GyroHeading::default(), wheels.track_width_m).knots;
         }
+        let gyro = self.gyro_heading(&steps, config, notes);
+        let fitted_m = effective_track_width_m(&steps, &gyro);
+        if let Some(fitted_m) = fitted_m {
+            notes.push(format!(
+                "the wheels' yaw fits the gyro best with a track width of {fitted_m:.3} m (robot.wheels.track_width_m is {:.3})",
+                wheels.track_width_m
+            ));
+        }
+        if source == OdometrySource::Wheels {
+            return integrate(&steps, &GyroHeading::default(), wheels.track_width_m).knots;
+        }
+        let odometry = integrate(&steps, &gyro, fitted_m.unwrap_or(wheels.track_width_m));
+        if odometry.moved_without_gyro_s > 0.0 {
+            let silent_s = odometry.moved_without_gyro_s;
+            notes.push(format!("the IMU is silent for {silent_s:.2} s of motion: yaw from the wheels there"));
+        }
+        odometry.knots
+    }
+
+    /// When each encoder reading was counted, seconds.
+    fn counting_stamps_s(&self, config: &Config, notes: &mut Vec<String>) -> Vec<f64> {
+        let clock = config.odometry.repair_encoder_stamps.then(|| EncoderClock::find(&self.encoders)).flatten();
+        let Some(clock) = clock else { return self.encoders.iter().map(|reading| reading.stamp_s).collect() };
+        let late = clock.delays_s(&self.encoders).filter(|&delay_s| delay_s > clock.period_s).count();
+        if late > 0 {
+            notes.push(format!(
+                "{late} encoder readings were stamped late, by up to {:.0} ms: put back on the encoder's clock of {:.2} ms",
+                1e3 * clock.delays_s(&self.encoders).fold(0.0, f64::max),
+                1e3 * clock.period_s
+            ));
+        }
+        clock.stamps_s
+    }
+
+    /// The gyro's heading, bias taken off and smoothed as configured.
+    fn gyro_heading(&self, steps: &[WheelStep], config: &Config, notes: &mut Vec<String>) -> GyroHeading {
         let (stamps_s, mut rates) = yaw_rates(&self.imu);
-        let bias = estimate_bias(config.odometry.gyro_bias, &steps, &stamps_s, &rates);
+        let bias = estimate_bias(config.odometry.gyro_bias, steps, &stamps_s, &rates);
+        notes.extend(bias.remark(config.odometry.gyro_bias));
         for (rate, &stamp_s) in rates.iter_mut().zip(&stamps_s) {
             *rate -= bias.at(stamp_s);
         }
-        let odometry = integrate(&steps, &GyroHeading::new(stamps_s, &rates), wheels.track_width_m);
-        if odometry.moved_without_gyro_s > 0.0 {
-            notes.push(format!(
-                "the IMU is silent for {:.2} s of motion: yaw from the wheels there",
-                odometry.moved_without_gyro_s
-            ));
+        if config.odometry.gyro_low_pass_hz > 0.0 {
+            low_pass(&mut rates, &stamps_s, config.odometry.gyro_low_pass_hz);
         }
-        odometry.knots
+        GyroHeading::new(stamps_s, &rates)
     }
 }

@@ -4,6 +4,60 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// `[matcher]`: scan matching.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct MatcherConfig {}
+pub struct MatcherConfig {
+    /// Side of a cell of the map that is matched against, metres.
+    pub cell_m: f64,
+    /// Points of a scan are thinned to this distance along surfaces, metres.
+    pub point_spacing_m: f64,
+    /// Largest number of Gauss–Newton steps.
+    pub iterations: usize,
+    /// Steps smaller than this end the search, metres.
+    pub stop_step_m: f64,
+    /// Steps smaller than this end the search, radians.
+    pub stop_step_rad: f64,
+    /// Standard deviation of a point's distance from a flat surface, metres.
+    pub sigma_m: f64,
+    /// Standard deviation of a point's distance from a surface without direction, metres.
+    pub rough_sigma_m: f64,
+    /// Scale of the robust weights in the first half of the steps, standard deviations.
+    pub wide_gate_sigmas: f64,
+    /// Scale of the robust weights in the second half of the steps, standard deviations.
+    pub gate_sigmas: f64,
+    /// Points beyond this number no longer add certainty: their errors are not independent.
+    pub independent_points: f64,
+    /// A scan is written into the map after the robot moved by this much, metres …
+    pub insert_distance_m: f64,
+    /// … or turned by this much, radians.
+    pub insert_angle_rad: f64,
+    /// Where fewer than this share of a scan's points lie on the map, the odometry is not
+    /// believed and the neighbourhood is searched.
+    pub search_below_inlier_share: f64,
+    /// Largest offset of that search in x and in y, metres.
+    pub search_distance_m: f64,
+    /// Largest offset of that search in heading, radians.
+    pub search_angle_rad: f64,
+}
+
+impl Default for MatcherConfig {
+    fn default() -> Self {
+        Self {
+            cell_m: 0.05,
+            point_spacing_m: 0.03,
+            iterations: 12,
+            stop_step_m: 2e-4,
+            stop_step_rad: 1e-4,
+            sigma_m: 0.02,
+            rough_sigma_m: 0.05,
+            wide_gate_sigmas: 6.0,
+            gate_sigmas: 2.0,
+            independent_points: 100.0,
+            insert_distance_m: 0.1,
+            insert_angle_rad: 0.05,
+            search_below_inlier_share: 0.75,
+            search_distance_m: 0.6,
+            search_angle_rad: 0.8,
+        }
+    }
+}

@@ -1,5 +1,13 @@
 //! Finding the pose at which a scan fits a map.
 
 mod config;
+mod correlative;
+mod gauss_newton;
+mod locate;
+mod surface_scan;
 
 pub use config::MatcherConfig;
+pub use correlative::{SearchWindow, search};
+pub use gauss_newton::{MatchResult, PoseBelief, match_scan};
+pub use locate::locate;
+pub use surface_scan::SurfaceScan;

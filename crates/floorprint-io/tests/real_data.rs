@@ -1,0 +1,98 @@
+//! Real recordings are read whole, with their known traps.
+
+use floorprint::sensors::Record;
+use floorprint_io::{DropReason, OpenOptions, open, read_relations, read_trajectory};
+use std::path::PathBuf;
+
+/// The folder of real data, if it is on this machine.
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("FLOORPRINT_DATA")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    eprintln!("skipped: no real data at {} (set FLOORPRINT_DATA to where they are)", folder.display());
+    None
+}
+
+#[test]
+fn every_scan_of_the_benchmark_logs_is_read() {
+    let Some(data) = data() else { return };
+    for (name, scans, rays, no_return_m, relations) in
+        [("intel", 13631, 180, 81.83, 2984), ("aces", 7374, 180, 50.0, 1279), ("mit-csail", 1988, 361, 81.91, 1172)]
+    {
+        let folder = data.join("relations").join(name);
+        let log = open(&folder.join(format!("{name}.clf.gz")), &OpenOptions::default()).unwrap();
+        assert_eq!(log.scans().count(), scans);
+        assert_eq!(log.dropped.total(), 0);
+        for scan in log.scans() {
+            assert_eq!(scan.ranges_m.len(), rays);
+            assert!(scan.odometry.is_some());
+            let limit = scan.geometry.range_max_m;
+            assert!(limit <= no_return_m && limit > no_return_m - 0.02, "{name}: {limit}");
+        }
+        assert_eq!(read_relations(&folder.join(format!("{name}.relations"))).unwrap().len(), relations);
+    }
+}
+
+#[test]
+fn the_courses_drive_is_read_with_its_images() {
+    let Some(data) = data() else { return };
+    let folder = data.join("ece276a/semi20");
+    let drive = open(&folder, &OpenOptions::default()).unwrap();
+    let truth = read_trajectory(&folder.join("truth.tum")).unwrap();
+    let stamps: Vec<f64> = drive.scans().map(|scan| scan.stamp_s).collect();
+    assert_eq!(stamps.len(), 4962);
+    assert!(stamps.iter().zip(&truth).all(|(stamp, truth)| (stamp - truth.stamp_s).abs() < 2e-6));
+    assert!(drive.records.is_sorted_by(|a, b| a.stamp_s() <= b.stamp_s()));
+    let scan = drive.scans().next().unwrap();
+    assert_eq!((scan.ranges_m.len(), scan.geometry.range_max_m), (1081, 30.0));
+    assert!((scan.geometry.angles_rad[1080] - 135_f64.to_radians()).abs() < 1e-6);
+    let (mut ticks, mut imu) = (0.0, 0);
+    for record in &drive.records {
+        match record {
+            Record::Encoders(reading) => ticks += (reading.left_ticks + reading.right_ticks) / 2.0,
+            Record::Imu(_) => imu += 1,
+            _ => {}
+        }
+    }
+    assert_eq!(imu, 12187);
+    // The drive's path is 93 m long; it is driven forwards but for a few metres.
+    assert!((ticks * 0.0022 - 93.0).abs() < 6.0, "{} m", ticks * 0.0022);
+    let images = drive.images.unwrap();
+    assert_eq!((images.disparity.len(), images.color.len()), (121, 114));
+    let (disparity, color) = (images.disparity[60].load_disparity().unwrap(), images.color[60].load_color().unwrap());
+    assert_eq!((disparity.width, disparity.height, disparity.disparity.len()), (640, 480, 640 * 480));
+    assert_eq!((color.width, color.height, color.rgb.len()), (640, 480, 640 * 480));
+}
+
+#[test]
+fn parts_that_are_missing_are_named() {
+    let Some(data) = data() else { return };
+    let folder = data.join("ece276a/real");
+    let error = open(&folder, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("20, 21, 23"), "{error}");
+    let drive = open(&folder, &OpenOptions { drive: Some(23) }).unwrap();
+    assert!(drive.scans().next().is_none() && drive.robot.wheels.is_some() && drive.robot.camera.is_none());
+    assert!(
+        drive.notes.iter().any(|note| note.contains("Hokuyo"))
+            && drive.notes.iter().any(|note| note.contains("Kinect"))
+    );
+    let without_images = open(&folder, &OpenOptions { drive: Some(20) }).unwrap();
+    assert_eq!(without_images.dropped.count(DropReason::MissingImage), 2407 + 2289);
+    assert!(without_images.images.is_none() && without_images.robot.camera.is_none());
+}
+
+#[test]
+fn encoder_logs_keep_every_count() {
+    let Some(data) = data() else { return };
+    for (name, scans, ticks) in [("exp1", 756, [182_565.0, 185_111.0]), ("exp2", 641, [177_534.0, 179_420.0])] {
+        let log = open(&data.join("encoders-urg").join(format!("{name}.dat.gz")), &OpenOptions::default()).unwrap();
+        assert_eq!((log.scans().count(), log.dropped.total()), (scans, 0));
+        let sum = log.records.iter().fold([0.0; 2], |[left, right], record| match record {
+            Record::Encoders(reading) => [left + reading.left_ticks, right + reading.right_ticks],
+            _ => [left, right],
+        });
+        assert_eq!(sum, ticks);
+    }
+}

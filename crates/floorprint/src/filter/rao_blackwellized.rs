@@ -1,0 +1,229 @@
+//! The Rao-Blackwellised particle filter: a map for every particle, poses drawn from the
+//! measurement (Grisetti, Stachniss & Burgard 2007; FastSLAM 2, Montemerlo et al. 2003).
+
+use super::genealogy::Trail;
+use super::resampler::resample;
+use super::weights::{effective_number, heaviest, normalise};
+use super::{FilterConfig, FilterStep};
+use crate::Config;
+use crate::frame::Frame;
+use crate::geometry::Pose2;
+use crate::map::{OccupancyGrid, SurfaceMap};
+use crate::motion_model::MotionConfig;
+use crate::profiler::{Phase, Profiler};
+use crate::random::{Stage, generator};
+use crate::scan_matcher::{MatchResult, MatcherConfig, PoseBelief, SurfaceScan, locate};
+use crate::sensors::StampedPose;
+use nalgebra::Vector3;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+/// One hypothesis: where the robot is, how it got there, and what the world then looks like.
+#[derive(Debug, Clone)]
+struct Particle {
+    pose: Pose2,
+    log_weight: f64,
+    map: SurfaceMap,
+    trail: Trail,
+    /// Motion of the last step, for when nothing measures the next.
+    last_motion: Pose2,
+    /// Where the last scan was written into the map.
+    last_written: Option<Pose2>,
+}
+
+/// N particles, each with a map of its own.
+#[derive(Debug)]
+pub struct RaoBlackwellizedFilter {
+    seed: u64,
+    config: FilterConfig,
+    motion: MotionConfig,
+    matcher: MatcherConfig,
+    particles: Vec<Particle>,
+    /// The map for people: drawn along the way by the best particle.
+    map: OccupancyGrid,
+    steps: u64,
+}
+
+impl RaoBlackwellizedFilter {
+    /// All particles at the origin, nothing mapped.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let count = config.filter.particles.max(1);
+        let particle = Particle {
+            pose: Pose2::IDENTITY,
+            log_weight: -(count as f64).ln(),
+            map: SurfaceMap::new(config.matcher.cell_m),
+            trail: Trail::default(),
+            last_motion: Pose2::IDENTITY,
+            last_written: None,
+        };
+        Self {
+            seed: config.seed,
+            config: config.filter.clone(),
+            motion: config.motion.clone(),
+            matcher: config.matcher.clone(),
+            particles: vec![particle; count],
+            map: OccupancyGrid::new(&config.map),
+            steps: 0,
+        }
+    }
+
+    /// One step: predict, match, weigh, resample, map.
+    pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
+        profiler.enter(Phase::Match);
+        let scan = SurfaceScan::new(&frame.scan, self.matcher.point_spacing_m);
+        let matches: Vec<Option<Fit>> = self
+            .particles
+            .par_iter_mut()
+            .map(|particle| particle.follow(frame, &scan, &self.motion, &self.matcher))
+            .collect();
+
+        // All particles moved alike but for noise: the scan is due for all of them or for none.
+        let due = self.particles.iter().any(|particle| particle.is_due(&self.matcher));
+        if due {
+            self.draw_and_weigh(&matches, &scan);
+        }
+        profiler.enter(Phase::Resample);
+        let weights = self.normalised_weights();
+        let effective_particles = effective_number(&weights);
+        let best = heaviest(&weights);
+        let resampled = due && effective_particles < self.config.resample_below * self.particles.len() as f64;
+
+        profiler.enter(Phase::Map);
+        let pose = self.particles[best].pose;
+        if due {
+            self.map.add_scan(&pose, &frame.scan, &mut Vec::new());
+            self.particles.par_iter_mut().for_each(|particle| particle.write(&scan));
+        }
+        for particle in &mut self.particles {
+            particle.trail.push(StampedPose { stamp_s: frame.stamp_s, pose: particle.pose });
+        }
+        profiler.enter(Phase::Resample);
+        if resampled {
+            self.resample(&weights);
+        }
+        self.steps += 1;
+        let fit = matches[best];
+        FilterStep {
+            pose,
+            effective_particles,
+            inlier_share: fit.map_or(1.0, |fit| fit.result.inlier_share),
+            score: fit.map_or(0.0, |fit| fit.result.score),
+            resampled,
+            odometry_rejected: fit.is_some_and(|fit| fit.odometry_rejected),
+        }
+    }
+
+    /// Draws each pose from the Gaussian around its optimum and multiplies each weight by the
+    /// evidence of the scan. With one particle both would only add noise.
+    fn draw_and_weigh(&mut self, matches: &[Option<Fit>], scan: &SurfaceScan) {
+        if self.particles.len() == 1 {
+            return;
+        }
+        let points = (scan.len() as f64).min(self.matcher.independent_points);
+        for (index, (particle, fit)) in self.particles.iter_mut().zip(matches).enumerate() {
+            let Some(fit) = fit else { continue };
+            particle.log_weight += fit.log_evidence(points);
+            let mut random = generator(self.seed, Stage::Proposal, self.steps, index as u64);
+            let noise = Vector3::from_fn(|_, _| StandardNormal.sample(&mut random));
+            // Information = L Lᵀ, so L⁻ᵀ noise has the covariance information⁻¹.
+            if let Some(offset) =
+                fit.result.belief.information.cholesky().and_then(|l| l.l().transpose().solve_upper_triangular(&noise))
+            {
+                let pose = particle.pose;
+                particle.pose = Pose2::new(pose.x + offset.x, pose.y + offset.y, pose.theta + offset.z);
+            }
+        }
+    }
+
+    fn normalised_weights(&mut self) -> Vec<f64> {
+        let mut log_weights: Vec<f64> = self.particles.iter().map(|particle| particle.log_weight).collect();
+        let weights = normalise(&mut log_weights);
+        for (particle, log_weight) in self.particles.iter_mut().zip(log_weights) {
+            particle.log_weight = log_weight;
+        }
+        weights
+    }
+
+    fn resample(&mut self, weights: &[f64]) {
+        let mut random = generator(self.seed, Stage::Resampling, self.steps, 0);
+        let chosen = resample(self.config.resampler, weights, &mut random);
+        for particle in &mut self.particles {
+            particle.trail.fork();
+            particle.log_weight = -(weights.len() as f64).ln();
+        }
+        self.particles = chosen.into_iter().map(|index| self.particles[index].clone()).collect();
+    }
+
+    /// The map as drawn so far by the best particle of each step.
+    #[must_use]
+    pub fn map(&self) -> &OccupancyGrid {
+        &self.map
+    }
+
+    /// The trajectory of the best particle.
+    #[must_use]
+    pub fn trajectory(&self) -> Vec<StampedPose> {
+        let weights: Vec<f64> = self.particles.iter().map(|particle| particle.log_weight).collect();
+        self.particles[heaviest(&weights)].trail.poses()
+    }
+}
+
+/// How a particle's scan fitted its map.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    result: MatchResult,
+    /// The odometry's belief before the scan.
+    prior: PoseBelief,
+    odometry_rejected: bool,
+}
+
+impl Fit {
+    /// Logarithm of ∫ p(scan | pose) p(pose | odometry) dpose, by Laplace's method around the optimum.
+    fn log_evidence(&self, points: f64) -> f64 {
+        let offset = Vector3::new(
+            self.result.belief.pose.x - self.prior.pose.x,
+            self.result.belief.pose.y - self.prior.pose.y,
+            crate::geometry::wrap_angle(self.result.belief.pose.theta - self.prior.pose.theta),
+        );
+        let misfit =
+            if self.odometry_rejected { 0.0 } else { (offset.transpose() * self.prior.information * offset).x };
+        let volume = self.prior.information.determinant() / self.result.belief.information.determinant().max(1e-300);
+        points * self.result.score - 0.5 * misfit + 0.5 * volume.max(1e-300).ln()
+    }
+}
+
+impl Particle {
+    /// Moves with the odometry, then to where the scan fits the particle's map.
+    fn follow(
+        &mut self,
+        frame: &Frame,
+        scan: &SurfaceScan,
+        motion: &MotionConfig,
+        matcher: &MatcherConfig,
+    ) -> Option<Fit> {
+        if self.map.is_empty() {
+            return None;
+        }
+        // Without odometry the robot is taken to go on as it did, with room for any change.
+        let (step, trust) = frame.motion.map_or((self.last_motion, 0.05), |step| (step, 1.0));
+        let prior = PoseBelief { pose: self.pose.compose(&step), information: motion.information(&step) * trust };
+        let (result, odometry_rejected) = locate(&self.map, scan, &prior, matcher);
+        self.last_motion = self.pose.between(&result.belief.pose);
+        self.pose = result.belief.pose;
+        Some(Fit { result, prior, odometry_rejected })
+    }
+
+    /// Whether the robot moved far enough since the last scan that went into the map.
+    fn is_due(&self, matcher: &MatcherConfig) -> bool {
+        self.last_written.is_none_or(|last| {
+            let moved = last.between(&self.pose);
+            moved.distance() > matcher.insert_distance_m || moved.theta.abs() > matcher.insert_angle_rad
+        })
+    }
+
+    fn write(&mut self, scan: &SurfaceScan) {
+        self.map.add_scan(&self.pose, scan);
+        self.last_written = Some(self.pose);
+    }
+}

@@ -1,0 +1,270 @@
+//! The occupancy grid: independent cells in log-odds (report §III.A.2, eqs. 6–7).
+
+use super::MapConfig;
+use super::cell::Cell;
+use super::raster::{Occupancy, Raster};
+use super::ray::passed_cells;
+use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
+use crate::frame::{BodyScan, Frame};
+use crate::geometry::Pose2;
+use crate::sensors::StampedPose;
+
+/// Log-odds are kept as 16-bit numbers in steps of 1/256.
+const STEPS_PER_UNIT: f64 = 256.0;
+
+/// Log-odds of the cells of one tile, row by row.
+#[derive(Debug, Clone)]
+struct OccupancyTile([i16; TILE_CELLS]);
+
+impl Default for OccupancyTile {
+    fn default() -> Self {
+        Self([0; TILE_CELLS])
+    }
+}
+
+/// A cell that a scan turned from free or unknown to occupied, or back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Flip {
+    /// The cell.
+    pub cell: Cell,
+    /// Whether it is occupied now.
+    pub occupied: bool,
+}
+
+/// An unbounded grid of log-odds; positive is occupied, zero is unknown. Copies share tiles.
+#[derive(Debug, Clone)]
+pub struct OccupancyGrid {
+    resolution_m: f64,
+    hit: i16,
+    pass: i16,
+    limit: i16,
+    tiles: TileGrid<OccupancyTile>,
+}
+
+impl OccupancyGrid {
+    /// An empty grid.
+    #[must_use]
+    pub fn new(config: &MapConfig) -> Self {
+        let fixed_point = |log_odds: f64| (log_odds * STEPS_PER_UNIT).round().clamp(0.0, 32_000.0) as i16;
+        Self {
+            resolution_m: config.resolution_m,
+            hit: fixed_point(config.hit_log_odds),
+            pass: fixed_point(config.pass_log_odds),
+            limit: fixed_point(config.limit_log_odds),
+            tiles: TileGrid::default(),
+        }
+    }
+
+    /// The grid that scans draw along a trajectory: `frames` and `trajectory` match one to one.
+    ///
+    /// A robot that stands still sees the same again; such scans are left out.
+    #[must_use]
+    pub fn along(trajectory: &[StampedPose], frames: impl Iterator<Item = Frame>, config: &MapConfig) -> Self {
+        let mut grid = Self::new(config);
+        let mut flips = Vec::new();
+        let mut drawn: Option<Pose2> = None;
+        for (stamped, frame) in trajectory.iter().zip(frames) {
+            let moved = drawn.is_none_or(|last| {
+                let step = last.between(&stamped.pose);
+                step.distance() > config.redraw_distance_m || step.theta.abs() > config.redraw_angle_rad
+            });
+            if moved {
+                grid.add_scan(&stamped.pose, &frame.scan, &mut flips);
+                flips.clear();
+                drawn = Some(stamped.pose);
+            }
+        }
+        grid
+    }
+
+    /// Side of a cell, metres.
+    #[must_use]
+    pub fn resolution_m(&self) -> f64 {
+        self.resolution_m
+    }
+
+    /// The cell that holds a point of the world, metres.
+    #[must_use]
+    pub fn cell_at(&self, point_m: [f64; 2]) -> Cell {
+        Cell::containing(point_m, 1.0 / self.resolution_m)
+    }
+
+    /// Log-odds of a cell; 0 where nothing was ever seen.
+    #[must_use]
+    pub fn log_odds(&self, cell: Cell) -> f64 {
+        f64::from(self.raw(cell)) / STEPS_PER_UNIT
+    }
+
+    /// Whether a cell is more likely occupied than free.
+    #[inline]
+    #[must_use]
+    pub fn is_occupied(&self, cell: Cell) -> bool {
+        self.raw(cell) > 0
+    }
+
+    #[inline]
+    fn raw(&self, cell: Cell) -> i16 {
+        self.tiles.tile(tile_of(cell)).map_or(0, |tile| tile.0[index_in_tile(cell)])
+    }
+
+    /// Writes a scan taken at `world_from_body`: the cells that its rays pass become freer,
+    /// the cells in which they end more occupied. Every cell that changes sides is
+    /// appended to `flips`, in the order of the changes.
+    pub fn add_scan(&mut self, world_from_body: &Pose2, scan: &BodyScan, flips: &mut Vec<Flip>) {
+        let inverse_resolution = 1.0 / self.resolution_m;
+        let (sin, cos) = world_from_body.theta.sin_cos();
+        let cell_of = |[x, y]: [f32; 2]| {
+            let (x, y) = (f64::from(x), f64::from(y));
+            let world = [world_from_body.x + cos * x - sin * y, world_from_body.y + sin * x + cos * y];
+            Cell::containing(world, inverse_resolution)
+        };
+        let origin = Cell::containing(world_from_body.transform_point(scan.origin_m), inverse_resolution);
+        for point in scan.hits.iter() {
+            let end = cell_of(point);
+            self.pass_along(origin, end, flips);
+            self.add(end, self.hit, flips);
+        }
+        for point in scan.free_ends.iter() {
+            self.pass_along(origin, cell_of(point), flips);
+        }
+    }
+
+    fn add(&mut self, cell: Cell, amount: i16, flips: &mut Vec<Flip>) {
+        let value = &mut self.tiles.tile_mut(tile_of(cell)).0[index_in_tile(cell)];
+        let before = *value;
+        *value = before.saturating_add(amount).clamp(-self.limit, self.limit);
+        if before <= 0 && *value > 0 {
+            flips.push(Flip { cell, occupied: true });
+        }
+    }
+
+    /// Takes the pass's log-odds off the cells from `from` up to, not including, `to`.
+    fn pass_along(&mut self, from: Cell, to: Cell, flips: &mut Vec<Flip>) {
+        let (pass, limit) = (self.pass, self.limit);
+        let mut at = tile_of(from);
+        let mut tile = self.tiles.tile_mut(at);
+        for cell in passed_cells(from, to) {
+            let here = tile_of(cell);
+            if here != at {
+                at = here;
+                // Each tile along the ray is looked up once.
+                tile = self.tiles.tile_mut(at);
+            }
+            let value = &mut tile.0[index_in_tile(cell)];
+            let before = *value;
+            *value = before.saturating_sub(pass).max(-limit);
+            if before > 0 && *value <= 0 {
+                flips.push(Flip { cell, occupied: false });
+            }
+        }
+    }
+
+    /// The grid as a picture: the smallest rectangle that holds everything seen. A cell is
+    /// occupied or free as its log-odds lean. `None` when nothing was seen.
+    #[must_use]
+    pub fn to_raster(&self) -> Option<Raster<Occupancy>> {
+        let mut low = Cell { x: i32::MAX, y: i32::MAX };
+        let mut high = Cell { x: i32::MIN, y: i32::MIN };
+        for (cell, _) in self.seen_cells() {
+            low = Cell { x: low.x.min(cell.x), y: low.y.min(cell.y) };
+            high = Cell { x: high.x.max(cell.x), y: high.y.max(cell.y) };
+        }
+        if low.x > high.x {
+            return None;
+        }
+        let (width, height) = ((high.x - low.x + 1) as usize, (high.y - low.y + 1) as usize);
+        let mut cells = vec![Occupancy::Unknown; width * height];
+        for (cell, log_odds) in self.seen_cells() {
+            let index = (high.y - cell.y) as usize * width + (cell.x - low.x) as usize;
+            cells[index] = if log_odds > 0.0 { Occupancy::Occupied } else { Occupancy::Free };
+        }
+        let origin_m = [f64::from(low.x) * self.resolution_m, f64::from(low.y) * self.resolution_m];
+        Some(Raster { width, height, resolution_m: self.resolution_m, origin_m, cells })
+    }
+
+    /// Every cell that was seen, with its log-odds.
+    pub fn seen_cells(&self) -> impl Iterator<Item = (Cell, f64)> {
+        self.tiles.iter().flat_map(|(at, tile)| {
+            tile.0.iter().enumerate().filter(|(_, value)| **value != 0).map(move |(index, value)| {
+                let cell = Cell {
+                    x: (at.x << TILE_BITS) + index as i32 % TILE_SIDE,
+                    y: (at.y << TILE_BITS) + index as i32 / TILE_SIDE,
+                };
+                (cell, f64::from(*value) / STEPS_PER_UNIT)
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn scan_with(points: &[[f32; 2]]) -> BodyScan {
+        let mut scan = BodyScan::default();
+        for point in points {
+            scan.hits.push(point[0], point[1]);
+        }
+        scan
+    }
+
+    #[test]
+    fn a_ray_frees_its_cells_and_occupies_its_end() {
+        let mut grid = OccupancyGrid::new(&MapConfig::default());
+        let mut flips = Vec::new();
+        grid.add_scan(&Pose2::new(0.025, 0.025, 0.0), &scan_with(&[[1.0, 0.0]]), &mut flips);
+        let log_gamma = 9.0_f64.ln();
+        assert!((grid.log_odds(Cell { x: 20, y: 0 }) - 4.0 * log_gamma).abs() < 0.01);
+        assert!((grid.log_odds(Cell { x: 10, y: 0 }) + log_gamma).abs() < 0.01);
+        assert_eq!(grid.log_odds(Cell { x: 21, y: 0 }), 0.0);
+        assert_eq!(flips, [Flip { cell: Cell { x: 20, y: 0 }, occupied: true }]);
+    }
+
+    #[test]
+    fn copies_never_alias() {
+        let mut first = OccupancyGrid::new(&MapConfig::default());
+        let mut flips = Vec::new();
+        first.add_scan(&Pose2::IDENTITY, &scan_with(&[[1.0, 0.5]]), &mut flips);
+        let before: Vec<_> = first.seen_cells().collect();
+        let mut second = first.clone();
+        second.add_scan(&Pose2::new(0.5, 0.0, 1.0), &scan_with(&[[2.0, 0.5]]), &mut flips);
+        assert_eq!(first.seen_cells().collect::<Vec<_>>(), before);
+        assert_ne!(second.seen_cells().collect::<Vec<_>>(), before);
+    }
+
+    #[test]
+    fn a_picture_of_the_grid_is_upright() {
+        let mut grid = OccupancyGrid::new(&MapConfig::default());
+        grid.add_scan(&Pose2::new(0.025, 0.025, 0.0), &scan_with(&[[0.5, 1.0]]), &mut Vec::new());
+        let raster = grid.to_raster().unwrap();
+        assert_eq!((raster.width, raster.height, raster.origin_m), (11, 21, [0.0, 0.0]));
+        // The hit is the upper right cell, the robot the lower left one.
+        assert_eq!(raster.cells[10], Occupancy::Occupied);
+        assert_eq!(raster.cells[20 * 11], Occupancy::Free);
+        assert_eq!(raster.cells[0], Occupancy::Unknown);
+        assert!(OccupancyGrid::new(&MapConfig::default()).to_raster().is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn log_odds_stay_within_their_limits_and_flips_tell_every_change_of_side(
+            scans in prop::collection::vec((-3.0..3.0_f64, -3.0..3.0_f64, -3.0..3.0_f64, -4.0..4.0_f32, -4.0..4.0_f32), 1..60)
+        ) {
+            let config = MapConfig { limit_log_odds: 12.0, ..MapConfig::default() };
+            let mut grid = OccupancyGrid::new(&config);
+            let mut occupied = std::collections::BTreeSet::new();
+            for (x, y, theta, hit_x, hit_y) in scans {
+                let mut flips = Vec::new();
+                grid.add_scan(&Pose2::new(x, y, theta), &scan_with(&[[hit_x, hit_y]]), &mut flips);
+                for flip in flips {
+                    if flip.occupied { prop_assert!(occupied.insert(flip.cell)); } else { prop_assert!(occupied.remove(&flip.cell)); }
+                }
+            }
+            for (cell, log_odds) in grid.seen_cells() {
+                prop_assert!(log_odds.abs() <= 12.0 + 1e-9);
+                prop_assert_eq!(log_odds > 0.0, occupied.contains(&cell));
+            }
+        }
+    }
+}

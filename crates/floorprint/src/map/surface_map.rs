@@ -1,0 +1,363 @@
+//! The map that scans are matched against: small oriented surfaces, and for every cell
+//! near one the way to the nearest.
+//!
+//! Each cell in which rays end keeps the mean of the end points and of their normals, so
+//! that a wall is known far more finely than the cells (the sub-cell means are those of
+//! GMapping, Grisetti et al. 2007; the nearest-obstacle field is that of Lau et al. 2013,
+//! here cut off at a fixed reach). Matching is one look-up per point.
+
+use super::cell::Cell;
+use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
+use crate::geometry::Pose2;
+use crate::scan_matcher::SurfaceScan;
+
+/// How far, in cells, a cell knows its nearest surface.
+const REACH_CELLS: i32 = 7;
+/// End points beyond this number no longer slow down how a surface's mean follows new ones.
+const MEMORY_HITS: f32 = 60.0;
+/// Surfaces farther away than this are not contradicted, metres.
+const CARVE_REACH_M: f64 = 15.0;
+/// A ray contradicts a surface when it ends at least this far behind it, metres.
+const CONTRADICTION_DEPTH_M: f32 = 0.20;
+/// A surface is given up when it was contradicted this many times for each time it was hit.
+const CONTRADICTIONS_PER_HIT: f32 = 0.75;
+
+/// A piece of surface in one cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surface {
+    /// Mean of the end points, metres, world.
+    pub mean_m: [f32; 2],
+    /// Mean of the unit normals that point to where the surface was seen from. Its length
+    /// says how flat the surface is: 1 a wall, 0 no direction at all.
+    pub normal: [f32; 2],
+    /// How often the surface was hit (up to a limit).
+    hits: f32,
+    /// How often a ray went through it.
+    contradictions: f32,
+    /// Index of its cell within the tile.
+    cell: u16,
+}
+
+/// Marks a cell that no surface is near to.
+const NONE: [i8; 2] = [i8::MIN, i8::MIN];
+
+#[derive(Debug, Clone)]
+struct SurfaceTile {
+    /// For each cell the offset, in cells, to the cell of the nearest surface.
+    nearest: [[i8; 2]; TILE_CELLS],
+    /// For each cell one more than the index of its surface; 0 is none.
+    slot: [u16; TILE_CELLS],
+    surfaces: Vec<Surface>,
+}
+
+impl Default for SurfaceTile {
+    fn default() -> Self {
+        Self { nearest: [NONE; TILE_CELLS], slot: [0; TILE_CELLS], surfaces: Vec::new() }
+    }
+}
+
+/// An unbounded map of surfaces. Copies share tiles.
+#[derive(Debug, Clone)]
+pub struct SurfaceMap {
+    resolution_m: f64,
+    inverse_resolution: f64,
+    tiles: TileGrid<SurfaceTile>,
+}
+
+impl SurfaceMap {
+    /// An empty map with cells of this side, metres.
+    #[must_use]
+    pub fn new(resolution_m: f64) -> Self {
+        Self { resolution_m, inverse_resolution: 1.0 / resolution_m, tiles: TileGrid::default() }
+    }
+
+    /// How far a point may be from a surface to find it, metres.
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        f64::from(REACH_CELLS) * self.resolution_m
+    }
+
+    /// Whether nothing was written yet.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.tiles.iter().next().is_none()
+    }
+
+    /// The surface nearest to a point of the world (metres), if one is within reach.
+    #[inline]
+    #[must_use]
+    pub fn nearest(&self, point_m: [f64; 2]) -> Option<&Surface> {
+        let cell = Cell::containing(point_m, self.inverse_resolution);
+        let tile = self.tiles.tile(tile_of(cell))?;
+        let offset = tile.nearest[index_in_tile(cell)];
+        if offset == NONE {
+            return None;
+        }
+        let target = Cell { x: cell.x + i32::from(offset[0]), y: cell.y + i32::from(offset[1]) };
+        self.surface(target)
+    }
+
+    #[inline]
+    fn surface(&self, cell: Cell) -> Option<&Surface> {
+        let tile = self.tiles.tile(tile_of(cell))?;
+        tile.surfaces.get(usize::from(tile.slot[index_in_tile(cell)]).wrapping_sub(1))
+    }
+
+    /// Writes a scan taken at `world_from_body`: surfaces that its rays went through lose
+    /// trust, its end points found or sharpen surfaces.
+    pub fn add_scan(&mut self, world_from_body: &Pose2, scan: &SurfaceScan) {
+        let (sin, cos) = world_from_body.theta.sin_cos();
+        let rotate = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];
+        let origin = world_from_body.transform_point(scan.origin_m);
+        let world_points: Vec<([f64; 2], [f32; 2])> = scan
+            .iter()
+            .map(|(point, normal)| {
+                let [x, y] = rotate(point.map(f64::from));
+                let [nx, ny] = rotate(normal.map(f64::from));
+                ([x + world_from_body.x, y + world_from_body.y], [nx as f32, ny as f32])
+            })
+            .collect();
+        self.contradict(origin, &Horizon::new(origin, world_points.iter().map(|(point, _)| *point)));
+        for &(point, normal) in &world_points {
+            self.add_hit(point, normal);
+        }
+    }
+
+    /// Surfaces that the scan saw through lose trust.
+    fn contradict(&mut self, origin: [f64; 2], horizon: &Horizon) {
+        let reach = CARVE_REACH_M.min(horizon.farthest_m);
+        let corner = |sign: f64| {
+            let point = [origin[0] + sign * reach, origin[1] + sign * reach];
+            tile_of(Cell::containing(point, self.inverse_resolution))
+        };
+        let (low, high) = (corner(-1.0), corner(1.0));
+        let mut contradicted = Vec::new();
+        for y in low.y..=high.y {
+            for x in low.x..=high.x {
+                let at = Cell { x, y };
+                let Some(tile) = self.tiles.tile(at) else { continue };
+                for surface in &tile.surfaces {
+                    if horizon.sees_through(surface, origin) {
+                        contradicted.push((at, surface.cell));
+                    }
+                }
+            }
+        }
+        for (at, index) in contradicted {
+            let tile = self.tiles.tile_mut(at);
+            let slot = tile.slot[usize::from(index)];
+            let surface = &mut tile.surfaces[usize::from(slot) - 1];
+            surface.contradictions += 1.0;
+            if surface.contradictions > CONTRADICTIONS_PER_HIT * surface.hits {
+                self.remove(cell_in_tile(at, usize::from(index)));
+            }
+        }
+    }
+
+    fn add_hit(&mut self, point_m: [f64; 2], normal: [f32; 2]) {
+        let cell = Cell::containing(point_m, self.inverse_resolution);
+        let index = index_in_tile(cell);
+        let point = [point_m[0] as f32, point_m[1] as f32];
+        let tile = self.tiles.tile_mut(tile_of(cell));
+        let slot = tile.slot[index];
+        if slot != 0 {
+            let surface = &mut tile.surfaces[usize::from(slot) - 1];
+            surface.hits = (surface.hits + 1.0).min(MEMORY_HITS);
+            surface.contradictions = (surface.contradictions - 0.25).max(0.0);
+            let gain = 1.0 / surface.hits;
+            for axis in 0..2 {
+                surface.mean_m[axis] += gain * (point[axis] - surface.mean_m[axis]);
+                surface.normal[axis] += gain * (normal[axis] - surface.normal[axis]);
+            }
+        } else {
+            tile.surfaces.push(Surface { mean_m: point, normal, hits: 1.0, contradictions: 0.0, cell: index as u16 });
+            tile.slot[index] = tile.surfaces.len() as u16;
+            self.announce(cell);
+        }
+    }
+
+    /// Tells the cells around `cell` that it holds a surface.
+    fn announce(&mut self, cell: Cell) {
+        for dy in -REACH_CELLS..=REACH_CELLS {
+            for dx in -REACH_CELLS..=REACH_CELLS {
+                let square = dx * dx + dy * dy;
+                if square > REACH_CELLS * REACH_CELLS {
+                    continue;
+                }
+                let near = Cell { x: cell.x + dx, y: cell.y + dy };
+                let index = index_in_tile(near);
+                let at = tile_of(near);
+                let known = self.tiles.tile(at).map_or(NONE, |tile| tile.nearest[index]);
+                if known == NONE || square_length(known) > square {
+                    self.tiles.tile_mut(at).nearest[index] = [-dx as i8, -dy as i8];
+                }
+            }
+        }
+    }
+
+    /// Takes away the surface of `cell` and points the cells around it to their next nearest.
+    fn remove(&mut self, cell: Cell) {
+        let tile = self.tiles.tile_mut(tile_of(cell));
+        let slot = std::mem::take(&mut tile.slot[index_in_tile(cell)]);
+        tile.surfaces.swap_remove(usize::from(slot) - 1);
+        if let Some(moved) = tile.surfaces.get(usize::from(slot) - 1) {
+            tile.slot[usize::from(moved.cell)] = slot;
+        }
+        let mut orphans = Vec::new();
+        for dy in -REACH_CELLS..=REACH_CELLS {
+            for dx in -REACH_CELLS..=REACH_CELLS {
+                let near = Cell { x: cell.x + dx, y: cell.y + dy };
+                if self.offset_to_nearest(near) == [-dx as i8, -dy as i8] {
+                    self.tiles.tile_mut(tile_of(near)).nearest[index_in_tile(near)] = NONE;
+                    orphans.push(near);
+                }
+            }
+        }
+        // The cells that lost their surface learn of others from their neighbours, from the rim inwards.
+        for _ in 0..REACH_CELLS {
+            let mut changed = false;
+            for &orphan in &orphans {
+                changed |= self.learn_from_neighbours(orphan);
+            }
+            if !changed {
+                break;
+            }
+        }
+    }
+
+    #[inline]
+    fn offset_to_nearest(&self, cell: Cell) -> [i8; 2] {
+        self.tiles.tile(tile_of(cell)).map_or(NONE, |tile| tile.nearest[index_in_tile(cell)])
+    }
+
+    /// Takes over the nearest of the surfaces that the eight neighbours know; tells whether that changed anything.
+    fn learn_from_neighbours(&mut self, cell: Cell) -> bool {
+        let before = self.offset_to_nearest(cell);
+        let mut best = before;
+        for (dx, dy) in [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)] {
+            let known = self.offset_to_nearest(Cell { x: cell.x + dx, y: cell.y + dy });
+            if known == NONE {
+                continue;
+            }
+            let offset = [(i32::from(known[0]) + dx) as i8, (i32::from(known[1]) + dy) as i8];
+            let square = square_length(offset);
+            if square <= REACH_CELLS * REACH_CELLS && (best == NONE || square < square_length(best)) {
+                best = offset;
+            }
+        }
+        if best != before {
+            self.tiles.tile_mut(tile_of(cell)).nearest[index_in_tile(cell)] = best;
+        }
+        best != before
+    }
+
+    /// How near the nearest surface is: 1 in its cell, 0 beyond reach.
+    #[inline]
+    #[must_use]
+    pub fn proximity(&self, point_m: [f64; 2]) -> f32 {
+        let cell = Cell::containing(point_m, self.inverse_resolution);
+        let offset = self.offset_to_nearest(cell);
+        if offset == NONE { 0.0 } else { PROXIMITY[square_length(offset) as usize] }
+    }
+
+    /// All surfaces, tile by tile.
+    pub fn surfaces(&self) -> impl Iterator<Item = &Surface> {
+        self.tiles.iter().flat_map(|(_, tile)| tile.surfaces.iter())
+    }
+
+    /// Number of tiles, and how many of them no copy of the map shares.
+    #[must_use]
+    pub fn tile_counts(&self) -> (usize, usize) {
+        self.tiles.tile_counts()
+    }
+}
+
+fn square_length(offset: [i8; 2]) -> i32 {
+    i32::from(offset[0]).pow(2) + i32::from(offset[1]).pow(2)
+}
+
+/// Proximity by squared distance in cells.
+static PROXIMITY: [f32; (REACH_CELLS * REACH_CELLS + 1) as usize] = {
+    let mut table = [0.0; (REACH_CELLS * REACH_CELLS + 1) as usize];
+    let mut square = 0;
+    while square < table.len() {
+        // 1 − d²/reach²: smooth, and peaked enough to tell a fit from a near miss.
+        table[square] = 1.0 - square as f32 / table.len() as f32;
+        square += 1;
+    }
+    table
+};
+
+fn cell_in_tile(tile: Cell, index: usize) -> Cell {
+    Cell { x: (tile.x << TILE_BITS) + index as i32 % TILE_SIDE, y: (tile.y << TILE_BITS) + index as i32 / TILE_SIDE }
+}
+
+/// How far a scan saw in each direction.
+struct Horizon {
+    /// For each sector the shortest range of the rays next to it, metres; 0 where none is near.
+    range_m: [f32; SECTORS],
+    farthest_m: f64,
+}
+
+/// Directions are told apart this finely.
+const SECTORS: usize = 720;
+/// Rays this many sectors apart leave no gap between them.
+const LARGEST_GAP: usize = 6;
+
+impl Horizon {
+    fn new(origin: [f64; 2], ends: impl Iterator<Item = [f64; 2]>) -> Self {
+        let mut seen = [f32::INFINITY; SECTORS];
+        let mut farthest_m: f64 = 0.0;
+        for end in ends {
+            let (dx, dy) = (end[0] - origin[0], end[1] - origin[1]);
+            let range = dx.hypot(dy);
+            farthest_m = farthest_m.max(range);
+            let sector = &mut seen[sector_of(dx as f32, dy as f32)];
+            *sector = sector.min(range as f32);
+        }
+        // A sector between two rays saw at least as far as the nearer of them.
+        let mut range_m = [0.0; SECTORS];
+        for (sector, range) in range_m.iter_mut().enumerate() {
+            let ahead = (0..=LARGEST_GAP).map(|gap| seen[(sector + gap) % SECTORS]).find(|range| range.is_finite());
+            let behind =
+                (0..=LARGEST_GAP).map(|gap| seen[(sector + SECTORS - gap) % SECTORS]).find(|range| range.is_finite());
+            if let (Some(ahead), Some(behind)) = (ahead, behind) {
+                *range = ahead.min(behind);
+            }
+        }
+        Self { range_m, farthest_m }
+    }
+
+    /// Whether the scan cannot have seen as far as it did had the surface been there.
+    ///
+    /// A ray that grazes a wall passes close to much of it without going through it: what
+    /// counts is how far behind the surface's own plane the ray ended.
+    fn sees_through(&self, surface: &Surface, origin: [f64; 2]) -> bool {
+        let (dx, dy) = (surface.mean_m[0] - origin[0] as f32, surface.mean_m[1] - origin[1] as f32);
+        let square = dx * dx + dy * dy;
+        if square > (CARVE_REACH_M * CARVE_REACH_M) as f32 || square < 1e-4 {
+            return false;
+        }
+        let distance = square.sqrt();
+        let beyond = self.range_m[sector_of(dx, dy)] - distance;
+        if beyond <= CONTRADICTION_DEPTH_M {
+            return false;
+        }
+        let [nx, ny] = surface.normal;
+        let flatness = nx.hypot(ny);
+        // Cosine between the ray and the plane's normal.
+        let slant = if flatness > 0.3 { -(nx * dx + ny * dy) / (distance * flatness) } else { 1.0 };
+        beyond * slant > CONTRADICTION_DEPTH_M
+    }
+}
+
+/// The sector of a direction. Sectors are equal steps of the "diamond angle" |y| / (|x| + |y|):
+/// as good as equal angles for telling directions apart, and without a trigonometric function.
+fn sector_of(dx: f32, dy: f32) -> usize {
+    let length = dx.abs() + dy.abs();
+    if length == 0.0 {
+        return 0;
+    }
+    let quarter_turns = if dx >= 0.0 { 1.0 + dy / length } else { 3.0 - dy / length };
+    ((quarter_turns * (SECTORS / 4) as f32) as usize).min(SECTORS - 1)
+}

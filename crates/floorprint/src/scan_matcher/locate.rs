@@ -1,0 +1,41 @@
+//! Where a scan fits a map: near the odometry's prediction, or, where that fails, anywhere around it.
+
+use super::correlative::{SearchWindow, search};
+use super::{MatchResult, MatcherConfig, PoseBelief, SurfaceScan, match_scan};
+use crate::map::SurfaceMap;
+use std::f64::consts::PI;
+
+/// Candidates of a search that are matched finely.
+const CANDIDATES: usize = 4;
+/// A search stops widening once this share of the points lies on the map.
+const GOOD_ENOUGH: f64 = 0.6;
+/// A pose from the search replaces the odometry's only if this much more of the scan fits there.
+const CLEARLY_BETTER: f64 = 0.02;
+/// After a search the odometry is believed this much less (as a factor on its information).
+const DISTRUST: f64 = 0.01;
+
+/// Fits `scan` to `map`. The second value tells whether the scan contradicted the odometry, and won.
+#[must_use]
+pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> (MatchResult, bool) {
+    let mut best = match_scan(map, scan, prior, config);
+    let mut searched = false;
+    if best.inlier_share >= config.search_below_inlier_share {
+        return (best, false);
+    }
+    let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
+    let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: PI };
+    for window in [near, wide] {
+        for pose in search(map, scan, &prior.pose, window, CANDIDATES) {
+            let start = PoseBelief { pose, information: prior.information * DISTRUST };
+            let found = match_scan(map, scan, &start, config);
+            if found.inlier_share > best.inlier_share + CLEARLY_BETTER {
+                best = found;
+                searched = true;
+            }
+        }
+        if best.inlier_share > GOOD_ENOUGH {
+            break;
+        }
+    }
+    (best, searched)
+}

@@ -1,0 +1,130 @@
+//! A scan's points with the normals of the surfaces they lie on.
+
+use crate::frame::BodyScan;
+
+/// Neighbours within this distance along the scan share a normal, metres.
+const NEIGHBOURHOOD_M: f32 = 0.12;
+/// At least this many beam spacings are looked at to each side, so that far walls have normals too.
+const NEIGHBOURHOOD_SPACINGS: f32 = 2.5;
+
+/// Points with normals in the body's frame, thinned to about equal distances along the surfaces.
+#[derive(Debug, Clone, Default)]
+pub struct SurfaceScan {
+    /// Where the LiDAR is in the body's frame, metres.
+    pub origin_m: [f64; 2],
+    points_m: Vec<[f32; 2]>,
+    normals: Vec<[f32; 2]>,
+}
+
+impl SurfaceScan {
+    /// Points of `scan` at least `spacing_m` from each other along the scan, with normals from
+    /// all its points.
+    #[must_use]
+    pub fn new(scan: &BodyScan, spacing_m: f64) -> Self {
+        let xs = &scan.hits.x_m;
+        let ys = &scan.hits.y_m;
+        let count = xs.len();
+        let sums = RunningSums::new(xs, ys);
+        let spacing = spacing_m as f32;
+        let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
+        let mut result = Self { origin_m: scan.origin_m, ..Self::default() };
+        let mut kept: Option<[f32; 2]> = None;
+        for i in 0..count {
+            let (x, y) = (xs[i], ys[i]);
+            if let Some([kept_x, kept_y]) = kept {
+                let (dx, dy) = (x - kept_x, y - kept_y);
+                if dx * dx + dy * dy < spacing * spacing {
+                    continue;
+                }
+            }
+            kept = Some([x, y]);
+            let range = (x - origin_x).hypot(y - origin_y);
+            let reach = NEIGHBOURHOOD_M.max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
+            let within = |j: usize| {
+                let (dx, dy) = (xs[j] - x, ys[j] - y);
+                dx * dx + dy * dy <= reach * reach
+            };
+            let mut begin = i;
+            while begin > 0 && within(begin - 1) {
+                begin -= 1;
+            }
+            let mut end = i + 1;
+            while end < count && within(end) {
+                end += 1;
+            }
+            result.points_m.push([x, y]);
+            result.normals.push(sums.normal(begin, end, [origin_x - x, origin_y - y]));
+        }
+        result
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points_m.len()
+    }
+
+    /// Whether there is no point.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points_m.is_empty()
+    }
+
+    /// Each point (metres) with its normal; see [`crate::map::Surface::normal`] for its length.
+    pub fn iter(&self) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
+        self.points_m.iter().copied().zip(self.normals.iter().copied())
+    }
+}
+
+/// Distance to the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
+fn spacing_between_beams(xs: &[f32], ys: &[f32], i: usize, range: f32) -> f32 {
+    let to = |j: usize| (xs[j] - xs[i]).hypot(ys[j] - ys[i]);
+    let before = if i > 0 { to(i - 1) } else { f32::INFINITY };
+    let after = if i + 1 < xs.len() { to(i + 1) } else { f32::INFINITY };
+    before.min(after).min(0.05 * range)
+}
+
+/// Sums over the first k points, so that the spread of any run of points costs one subtraction.
+struct RunningSums(Vec<[f64; 5]>);
+
+impl RunningSums {
+    fn new(xs: &[f32], ys: &[f32]) -> Self {
+        let mut sums = Vec::with_capacity(xs.len() + 1);
+        let mut total = [0.0; 5];
+        sums.push(total);
+        for (&x, &y) in xs.iter().zip(ys) {
+            let (x, y) = (f64::from(x), f64::from(y));
+            for (sum, term) in total.iter_mut().zip([x, y, x * x, x * y, y * y]) {
+                *sum += term;
+            }
+            sums.push(total);
+        }
+        Self(sums)
+    }
+
+    /// The normal of the line through points `begin..end` on the side of `towards`; its length
+    /// is 1 for points on a line and 0 for points without direction.
+    fn normal(&self, begin: usize, end: usize, towards: [f32; 2]) -> [f32; 2] {
+        let count = (end - begin) as f64;
+        if end - begin < 3 {
+            return [0.0, 0.0];
+        }
+        let (low, high) = (&self.0[begin], &self.0[end]);
+        let mean = |k: usize| (high[k] - low[k]) / count;
+        let (mean_x, mean_y) = (mean(0), mean(1));
+        let xx = mean(2) - mean_x * mean_x;
+        let xy = mean(3) - mean_x * mean_y;
+        let yy = mean(4) - mean_y * mean_y;
+        // Eigenvalues of the 2 × 2 covariance.
+        let half_trace = 0.5 * (xx + yy);
+        let root = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
+        let (small, large) = ((half_trace - root).max(0.0), half_trace + root);
+        let flatness = (1.0 - 4.0 * small / large.max(1e-12)).clamp(0.0, 1.0);
+        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+        let (mut nx, mut ny) = ((-angle.sin()) as f32, angle.cos() as f32);
+        if nx * towards[0] + ny * towards[1] < 0.0 {
+            (nx, ny) = (-nx, -ny);
+        }
+        [nx * flatness as f32, ny * flatness as f32]
+    }
+}

@@ -1,0 +1,123 @@
+//! The one function that everything calls: a frame goes in, the best pose comes out.
+
+use crate::Config;
+use crate::filter::{FilterKind, FilterStep, RaoBlackwellizedFilter, SharedMapFilter};
+use crate::frame::Frame;
+use crate::geometry::Pose2;
+use crate::map::OccupancyGrid;
+use crate::profiler::{Phase, Profiler};
+use crate::sensors::StampedPose;
+use thiserror::Error;
+
+/// Why a frame could not be processed.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum SlamError {
+    /// A pose is no number; going on would spoil the map.
+    #[error("the pose at scan {index} (stamp {stamp_s:.6} s) is not finite; the odometry before it is broken")]
+    NotFinite {
+        /// Number of the scan.
+        index: usize,
+        /// Its stamp, seconds.
+        stamp_s: f64,
+    },
+}
+
+/// What one step did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepReport {
+    /// Number of the scan.
+    pub index: usize,
+    /// The scan's stamp, seconds.
+    pub stamp_s: f64,
+    /// Dead reckoning, start from body.
+    pub dead_reckoning: Pose2,
+    /// What the filter says.
+    pub filter: FilterStep,
+}
+
+/// Simultaneous localisation and mapping.
+#[derive(Debug)]
+pub struct Slam {
+    config: Config,
+    filter: Filter,
+}
+
+#[derive(Debug)]
+enum Filter {
+    SharedMap(SharedMapFilter),
+    RaoBlackwellized(RaoBlackwellizedFilter),
+}
+
+/// What a drive amounts to.
+#[derive(Debug, Clone)]
+pub struct SlamResult {
+    /// The body's pose at every scan; the first is the identity.
+    pub trajectory: Vec<StampedPose>,
+    /// The occupancy grid.
+    pub map: OccupancyGrid,
+}
+
+impl Slam {
+    /// Nothing seen yet.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let filter = match config.filter.kind {
+            FilterKind::SharedMap => Filter::SharedMap(SharedMapFilter::new(config)),
+            FilterKind::RaoBlackwellized => Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config)),
+        };
+        Self { config: config.clone(), filter }
+    }
+
+    /// Takes in one frame.
+    ///
+    /// # Errors
+    /// When the odometry of the frame is not finite; nothing was changed then.
+    pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> Result<StepReport, SlamError> {
+        if frame.motion.is_some_and(|motion| !motion.is_finite()) {
+            return Err(SlamError::NotFinite { index: frame.index, stamp_s: frame.stamp_s });
+        }
+        let step = match &mut self.filter {
+            Filter::SharedMap(filter) => filter.process(frame, profiler),
+            Filter::RaoBlackwellized(filter) => filter.process(frame, profiler),
+        };
+        Ok(StepReport {
+            index: frame.index,
+            stamp_s: frame.stamp_s,
+            dead_reckoning: frame.dead_reckoning,
+            filter: step,
+        })
+    }
+
+    /// The map so far.
+    #[must_use]
+    pub fn map(&self) -> &OccupancyGrid {
+        match &self.filter {
+            Filter::SharedMap(filter) => filter.map(),
+            Filter::RaoBlackwellized(filter) => filter.map(),
+        }
+    }
+
+    /// The trajectory so far, of the particle that is the best now.
+    #[must_use]
+    pub fn trajectory(&self) -> Vec<StampedPose> {
+        match &self.filter {
+            Filter::SharedMap(filter) => filter.trajectory(),
+            Filter::RaoBlackwellized(filter) => filter.trajectory(),
+        }
+    }
+
+    /// The final trajectory and map.
+    ///
+    /// `frames` are the frames that were processed, once more: the map is drawn anew along the
+    /// trajectory that the whole drive supports. The report's filter keeps the map it has drawn.
+    #[must_use]
+    pub fn finish(self, frames: impl Iterator<Item = Frame>, profiler: &mut dyn Profiler) -> SlamResult {
+        let trajectory = self.trajectory();
+        profiler.enter(Phase::Map);
+        let map = match self.filter {
+            Filter::SharedMap(filter) => filter.map().clone(),
+            Filter::RaoBlackwellized(_) => OccupancyGrid::along(&trajectory, frames, &self.config.map),
+        };
+        SlamResult { trajectory, map }
+    }
+}
