@@ -84,7 +84,7 @@ pub fn read_png(path: &Path) -> Result<Picture, ReadError> {
 }
 
 /// Decodes a PNG file's bytes; the error says what was found instead.
-fn decode_png(bytes: &[u8]) -> Result<Picture, String> {
+pub(crate) fn decode_png(bytes: &[u8]) -> Result<Picture, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(|error| error.to_string())?;

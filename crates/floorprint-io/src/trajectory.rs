@@ -2,6 +2,7 @@
 
 use crate::error::{Problem, ReadError, WriteError};
 use crate::number::Tokens;
+use crate::replace::write_file;
 use floorprint::geometry::Pose2;
 use floorprint::sensors::StampedPose;
 use std::fmt::Write;
@@ -13,7 +14,7 @@ use std::path::Path;
 /// # Errors
 /// When the file cannot be written.
 pub fn write_trajectory(path: &Path, trajectory: &[StampedPose]) -> Result<(), WriteError> {
-    fs::write(path, format_trajectory(trajectory)).map_err(|error| WriteError::io(path, &error))
+    write_file(path, format_trajectory(trajectory).as_bytes())
 }
 
 /// The text of a trajectory file.
