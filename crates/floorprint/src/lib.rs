@@ -12,6 +12,7 @@ pub mod geometry;
 pub mod map;
 pub mod motion_model;
 pub mod odometry;
+pub mod pose_graph;
 mod profiler;
 pub mod random;
 pub mod scan_matcher;

@@ -83,6 +83,28 @@ impl Pose2 {
         Matrix3::new(cos, -sin, self.y, sin, cos, -self.x, 0.0, 0.0, 1.0)
     }
 
+    /// The inverse of the right Jacobian at a twist: how `exp(twist).compose(exp(δ)).log()`
+    /// changes with δ at zero (Solà et al. 2018, eqs. 163–164, inverted in closed form).
+    #[must_use]
+    pub fn right_jacobian_inverse(twist: [f64; 3]) -> Matrix3<f64> {
+        let [x, y, theta] = twist;
+        let (a, b) = sinc_and_versine(theta);
+        let (c, d) = jacobian_coefficients(theta);
+        let (u, v) = (c * x - d * y, d * x + c * y);
+        let scale = 1.0 / (a * a + b * b);
+        Matrix3::new(
+            a * scale,
+            -b * scale,
+            (b * v - a * u) * scale,
+            b * scale,
+            a * scale,
+            -(b * u + a * v) * scale,
+            0.0,
+            0.0,
+            1.0,
+        )
+    }
+
     /// The pose a fraction `t` of the way to `other` along the constant twist between them.
     #[must_use]
     pub fn interpolate(&self, other: &Self, t: f64) -> Self {
@@ -119,6 +141,16 @@ fn sinc_and_versine(theta: f64) -> (f64, f64) {
     }
 }
 
+/// (θ − sin θ) / θ² and (1 − cos θ) / θ², by their series near zero.
+fn jacobian_coefficients(theta: f64) -> (f64, f64) {
+    if theta.abs() < 1e-2 {
+        let square = theta * theta;
+        (theta / 6.0 * (1.0 - square / 20.0), 0.5 - square / 24.0 * (1.0 - square / 30.0))
+    } else {
+        ((theta - theta.sin()) / (theta * theta), (1.0 - theta.cos()) / (theta * theta))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -147,6 +179,27 @@ mod tests {
         #[test]
         fn between_undoes_compose(a in pose(), b in pose()) {
             prop_assert!(close(&a.compose(&a.between(&b)), &b));
+        }
+
+        #[test]
+        fn the_right_jacobian_agrees_with_differences(
+            x in -3.0..3.0_f64, y in -3.0..3.0_f64, theta in -3.0..3.0_f64, small in prop::bool::ANY
+        ) {
+            let twist = [x, y, if small { theta * 1e-3 } else { theta }];
+            let jacobian = Pose2::right_jacobian_inverse(twist);
+            let step = 1e-5;
+            for column in 0..3 {
+                let log_at = |sign: f64| {
+                    let mut delta = [0.0; 3];
+                    delta[column] = sign * step;
+                    Pose2::exp(twist).compose(&Pose2::exp(delta)).log()
+                };
+                let (ahead, behind) = (log_at(1.0), log_at(-1.0));
+                for row in 0..3 {
+                    let difference = (ahead[row] - behind[row]) / (2.0 * step);
+                    prop_assert!((difference - jacobian[(row, column)]).abs() < 1e-7);
+                }
+            }
         }
 
         #[test]
