@@ -1,3 +1,66 @@
-//! The command line of Floorprint.
+//! The command line of Floorprint: one file per command.
 
-fn main() {}
+mod config;
+mod evaluate;
+mod figure;
+mod info;
+mod interrupt;
+mod outcome;
+mod report;
+mod run;
+mod run_folder;
+mod snapshots;
+mod solve;
+mod stopwatch;
+mod summary;
+mod terminal;
+mod truth;
+
+use clap::{Parser, Subcommand};
+use outcome::Outcome;
+use std::process::ExitCode;
+use terminal::Terminal;
+
+/// Particle-filter SLAM: trajectory, occupancy grid and colour floor map from a robot's drive.
+#[derive(Parser)]
+#[command(name = "floorprint", version, max_term_width = 100, after_help = EXIT_CODES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+    /// Say nothing but errors and what was asked for.
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 fine, 1 failed, 2 bad arguments or configuration, \
+    3 finished but more data were dropped than allowed, 130 interrupted (what was computed is kept).";
+
+#[derive(Subcommand)]
+enum Command {
+    Run(run::Arguments),
+    #[command(subcommand)]
+    Evaluate(evaluate::Command),
+    Info(info::Arguments),
+    #[command(subcommand)]
+    Config(config::Command),
+}
+
+impl Command {
+    fn execute(&self, terminal: &Terminal) -> anyhow::Result<Outcome> {
+        match self {
+            Self::Run(arguments) => run::execute(arguments, terminal),
+            Self::Evaluate(command) => evaluate::execute(command, terminal),
+            Self::Info(arguments) => info::execute(arguments, terminal),
+            Self::Config(command) => config::execute(command, terminal),
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let terminal = Terminal::new(arguments.quiet);
+    match arguments.command.execute(&terminal) {
+        Ok(outcome) => outcome.into(),
+        Err(error) => terminal.fail(&error).into(),
+    }
+}

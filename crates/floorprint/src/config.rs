@@ -12,7 +12,7 @@ mod preset;
 
 pub use error::ConfigError;
 pub use layer::Layer;
-pub use options::{Choice, ConfigOption, Kind, Range, json_schema, options};
+pub use options::{Choice, ConfigOption, Kind, Range, find_options, json_schema, options};
 pub use preset::Preset;
 
 use crate::filter::FilterConfig;

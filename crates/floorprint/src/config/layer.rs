@@ -1,7 +1,6 @@
 //! One source of settings: a preset, a file, a single setting, a calibration.
 
-use super::error::did_you_mean;
-use super::options::{ConfigOption, render};
+use super::options::{ConfigOption, hint_for, render};
 use super::{ConfigError, RobotConfig};
 use toml::{Table, Value};
 
@@ -134,13 +133,7 @@ impl Layer {
 
     fn unknown_key(&self, path: &[&str], options: &[ConfigOption], prefix: usize) -> ConfigError {
         let key = path[prefix.min(path.len())..].join(".");
-        let name = path.last().copied().unwrap_or_default();
-        let namesake = options.iter().find(|option| option.key.rsplit('.').next() == Some(name));
-        let hint = match namesake {
-            Some(option) => format!(" (did you mean `{}`?)", option.key),
-            None => did_you_mean(&key, options.iter().map(|option| option.key.as_str()), '`'),
-        };
-        let hint = if hint.is_empty() { "; `floorprint config explain` lists them all".to_owned() } else { hint };
+        let hint = hint_for(&key, options);
         ConfigError::UnknownKey { place: self.place(path), key, hint }
     }
 

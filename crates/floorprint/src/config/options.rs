@@ -3,8 +3,8 @@
 //! An option is declared once, as a field: its doc comment is the help text, its
 //! `schemars` range is what values are checked against. The JSON schema carries both.
 
-use super::Config;
 use super::error::did_you_mean;
+use super::{Config, ConfigError};
 use schemars::schema_for;
 use std::fmt;
 use toml::Value;
@@ -70,6 +70,33 @@ pub fn options() -> Vec<ConfigOption> {
     let mut options = Vec::new();
     collect(schema.as_value(), schema.as_value(), "", &mut options);
     options
+}
+
+/// The option called `key`, or all options of the section called `key`.
+///
+/// # Errors
+/// There is neither.
+pub fn find_options(key: &str) -> Result<Vec<ConfigOption>, ConfigError> {
+    let (found, others): (Vec<_>, Vec<_>) = options()
+        .into_iter()
+        .partition(|option| option.key.strip_prefix(key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')));
+    if found.is_empty() {
+        let hint = hint_for(key, &others);
+        return Err(ConfigError::UnknownKey { place: "config".to_owned(), key: key.to_owned(), hint });
+    }
+    Ok(found)
+}
+
+/// What may have been meant by an unknown key: an option of the same last name in another
+/// section, else the one most like it.
+pub(super) fn hint_for(key: &str, options: &[ConfigOption]) -> String {
+    let last = |key: &str| key.rsplit('.').next().map(str::to_owned);
+    let namesake = options.iter().find(|option| last(&option.key) == last(key));
+    let hint = match namesake {
+        Some(option) => format!(" (did you mean `{}`?)", option.key),
+        None => did_you_mean(key, options.iter().map(|option| option.key.as_str()), '`'),
+    };
+    if hint.is_empty() { "; `floorprint config explain` lists them all".to_owned() } else { hint }
 }
 
 /// Appends the options below `node` of the schema `root`.

@@ -1,0 +1,228 @@
+//! `floorprint evaluate`: results against the truth.
+
+use crate::outcome::Outcome;
+use crate::terminal::{HEADING, Terminal};
+use clap::{Args, Subcommand, ValueEnum};
+use floorprint::evaluation::{
+    Alignment, ErrorStatistics, MapQuality, MapQualityOptions, RelationReport, Span, TextureError, TextureErrorOptions,
+    TrajectoryError, TrajectoryErrorOptions,
+};
+use floorprint_io::{read_floor, read_map, read_relations, read_trajectory};
+use serde::Serialize;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Compare results with the truth.
+#[derive(Subcommand)]
+pub(crate) enum Command {
+    /// Absolute and relative errors of a trajectory against a true one (both TUM files).
+    Trajectory(Trajectory),
+    /// Occupied cells of a map against a true map (both map_server YAML files).
+    Map(Map),
+    /// Colours of a floor against the true floor (both JSON files that name their picture).
+    Texture(Texture),
+    /// A trajectory against the relations of the Freiburg SLAM benchmark.
+    Relations(Relations),
+}
+
+#[derive(Args)]
+pub(crate) struct Trajectory {
+    /// The estimated trajectory.
+    #[arg(long, value_name = "FILE")]
+    trajectory: PathBuf,
+    /// The true trajectory.
+    #[arg(long, value_name = "FILE")]
+    truth: PathBuf,
+    /// How the estimate is moved onto the truth first.
+    #[arg(long, value_enum, default_value_t = Align::None)]
+    align: Align,
+    /// Length of a stretch for relative errors, metres. Can be repeated.
+    #[arg(long, value_name = "METRES", default_values_t = [1.0, 10.0])]
+    stretch: Vec<f64>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How an estimate is moved onto the truth.
+#[derive(Clone, Copy, ValueEnum)]
+enum Align {
+    /// Not at all.
+    None,
+    /// By the first common pose.
+    First,
+    /// By the rigid motion with the least squared distances.
+    Best,
+}
+
+#[derive(Args)]
+pub(crate) struct Map {
+    /// The estimated map.
+    #[arg(long, value_name = "YAML")]
+    map: PathBuf,
+    /// The true map.
+    #[arg(long, value_name = "YAML")]
+    truth: PathBuf,
+    /// How far apart two occupied cells may be and still be the same wall, cells of the true map.
+    #[arg(long, value_name = "CELLS", default_value_t = 1)]
+    tolerance: u32,
+    /// Search the best shift up to this far, cells of the true map.
+    #[arg(long, value_name = "CELLS", default_value_t = 0)]
+    max_shift: u32,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+pub(crate) struct Texture {
+    /// The estimated floor.
+    #[arg(long, value_name = "JSON")]
+    texture: PathBuf,
+    /// The true floor.
+    #[arg(long, value_name = "JSON")]
+    truth: PathBuf,
+    /// Search the best shift up to this far, cells of the estimate.
+    #[arg(long, value_name = "CELLS", default_value_t = 3)]
+    max_shift: u32,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+pub(crate) struct Relations {
+    /// The estimated trajectory, with a pose for every scan.
+    #[arg(long, value_name = "FILE")]
+    trajectory: PathBuf,
+    /// The relations: `t1 t2 x y z roll pitch yaw` a line.
+    #[arg(long, value_name = "FILE")]
+    relations: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `floorprint evaluate`.
+pub(crate) fn execute(command: &Command, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    let mut out = terminal.results();
+    match command {
+        Command::Trajectory(arguments) => arguments.execute(&mut out)?,
+        Command::Map(arguments) => arguments.execute(&mut out)?,
+        Command::Texture(arguments) => arguments.execute(&mut out)?,
+        Command::Relations(arguments) => arguments.execute(&mut out)?,
+    }
+    out.flush()?;
+    Ok(Outcome::Fine)
+}
+
+impl Trajectory {
+    fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        let options = TrajectoryErrorOptions {
+            alignment: match self.align {
+                Align::None => Alignment::None,
+                Align::First => Alignment::FirstPose,
+                Align::Best => Alignment::LeastSquares,
+            },
+            spans: self.stretch.iter().map(|&length_m| Span::DistanceM(length_m)).collect(),
+            ..TrajectoryErrorOptions::default()
+        };
+        let error =
+            TrajectoryError::new(&read_trajectory(&self.trajectory)?, &read_trajectory(&self.truth)?, &options)?;
+        if self.json {
+            return print_json(out, &error);
+        }
+        writeln!(out, "{} of {} poses matched over {:.2} m", error.matched, error.poses, error.path_length_m)?;
+        print_heads(out)?;
+        print_statistics(out, "absolute, m", Some(&error.translation_m))?;
+        print_statistics(out, "absolute, °", Some(&error.rotation_deg))?;
+        for relative in &error.relative {
+            let span = match relative.span {
+                Span::DistanceM(metres) => format!("{metres} m"),
+                Span::TimeS(seconds) => format!("{seconds} s"),
+            };
+            print_statistics(out, &format!("over {span}, m"), relative.translation_m.as_ref())?;
+            print_statistics(out, &format!("over {span}, °"), relative.rotation_deg.as_ref())?;
+        }
+        Ok(())
+    }
+}
+
+impl Map {
+    fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        let options = MapQualityOptions { tolerance_cells: self.tolerance, max_shift_cells: self.max_shift };
+        let quality = MapQuality::new(&read_map(&self.map)?, &read_map(&self.truth)?, &options)?;
+        if self.json {
+            return print_json(out, &quality);
+        }
+        writeln!(out, "precision    {:.4}   of {} occupied cells", quality.precision, quality.estimated_cells)?;
+        writeln!(
+            out,
+            "recall       {:.4}   of {} true cells beside explored floor",
+            quality.recall, quality.explored_true_cells
+        )?;
+        writeln!(out, "{HEADING}F1           {:.4}{HEADING:#}", quality.f1)?;
+        writeln!(out, "completeness {:.4}   of all true cells", quality.completeness)?;
+        writeln!(out, "explored     {:.4}   of the true free cells", quality.explored)?;
+        writeln!(out, "shift        {:+.3} m, {:+.3} m", quality.shift_m[0], quality.shift_m[1])?;
+        Ok(())
+    }
+}
+
+impl Texture {
+    fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        let options = TextureErrorOptions { max_shift_cells: self.max_shift };
+        let error = TextureError::new(&read_floor(&self.texture)?, &read_floor(&self.truth)?, None, &options)?;
+        if self.json {
+            return print_json(out, &error);
+        }
+        writeln!(
+            out,
+            "{HEADING}mean absolute colour error {:.2} / 255{HEADING:#} over {} cells",
+            error.mean_absolute_error, error.compared_cells
+        )?;
+        writeln!(
+            out,
+            "without the shift of {:+.3} m, {:+.3} m: {:.2} / 255",
+            error.shift_m[0], error.shift_m[1], error.unshifted_mean_absolute_error
+        )?;
+        writeln!(out, "painted off the true floor: {} cells", error.cells_off_the_floor)?;
+        Ok(())
+    }
+}
+
+impl Relations {
+    fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        let report = RelationReport::new(&read_trajectory(&self.trajectory)?, &read_relations(&self.relations)?);
+        if self.json {
+            return print_json(out, &report);
+        }
+        print_heads(out)?;
+        for (name, group) in [("all", &report.all), ("short", &report.short), ("long", &report.long)] {
+            print_statistics(out, &format!("{name}, m"), group.translation_m.as_ref())?;
+            print_statistics(out, &format!("{name}, °"), group.rotation_deg.as_ref())?;
+        }
+        writeln!(out, "{} of {} relations matched", report.all.matched, report.all.relations)?;
+        Ok(())
+    }
+}
+
+fn print_json(out: &mut impl Write, value: &impl Serialize) -> anyhow::Result<()> {
+    writeln!(out, "{}", serde_json::to_string_pretty(value)?)?;
+    Ok(())
+}
+
+fn print_heads(out: &mut impl Write) -> anyhow::Result<()> {
+    let heads = ["RMSE", "mean", "std", "median", "max"].map(|head| format!("{head:>9}")).concat();
+    writeln!(out, "{HEADING}{:<16}{heads}{:>9}{HEADING:#}", "error", "count")?;
+    Ok(())
+}
+
+fn print_statistics(out: &mut impl Write, name: &str, statistics: Option<&ErrorStatistics>) -> anyhow::Result<()> {
+    let Some(ErrorStatistics { count, mean, std, rmse, median, max }) = statistics else {
+        writeln!(out, "{name:<16}{:>9}", "none")?;
+        return Ok(());
+    };
+    writeln!(out, "{name:<16}{rmse:>9.4}{mean:>9.4}{std:>9.4}{median:>9.4}{max:>9.4}{count:>9}")?;
+    Ok(())
+}

@@ -1,0 +1,235 @@
+//! `floorprint info`: what is in a data set.
+
+use crate::outcome::Outcome;
+use crate::terminal::{HEADING, Terminal};
+use clap::Args;
+use floorprint::sensors::{Ray, Record, RobotConfig, Scan};
+use floorprint_io::{DataSet, OpenOptions, open};
+use serde::Serialize;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Show what is in a data set: sensors, rates, gaps, spans, what cannot be used.
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Data set: a file or a folder, recognised by its content.
+    path: PathBuf,
+    /// Number of the drive, for folders that hold several.
+    #[arg(long, value_name = "N")]
+    drive: Option<u32>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `floorprint info`.
+pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    let data_set = open(&arguments.path, &OpenOptions { drive: arguments.drive })?;
+    let info = Info::of(&data_set);
+    let mut out = terminal.results();
+    if arguments.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&info)?)?;
+    } else {
+        info.print(&mut out)?;
+    }
+    out.flush()?;
+    Ok(Outcome::Fine)
+}
+
+/// What is in a data set.
+#[derive(Serialize)]
+struct Info {
+    format: &'static str,
+    sha256: String,
+    sensors: Vec<Stream>,
+    lidar: Option<Lidar>,
+    calibration: RobotConfig,
+    dropped: Vec<Dropped>,
+    notes: Vec<String>,
+}
+
+/// One sensor's readings.
+#[derive(Serialize)]
+struct Stream {
+    sensor: &'static str,
+    readings: usize,
+    first_stamp_s: f64,
+    last_stamp_s: f64,
+    /// One over the median interval.
+    rate_hz: f64,
+    largest_gap_s: f64,
+    /// Intervals longer than three median ones.
+    gaps: usize,
+    /// Readings stamped before their predecessor.
+    backwards: usize,
+}
+
+/// The LiDAR's rays.
+#[derive(Serialize)]
+struct Lidar {
+    rays: usize,
+    field_of_view_deg: f64,
+    range_min_m: f32,
+    range_max_m: f32,
+    /// Shares over all rays of all scans.
+    hit_share: f64,
+    no_return_share: f64,
+    /// Scans that have another number of rays than the first.
+    scans_of_other_size: usize,
+}
+
+/// Data that cannot be used.
+#[derive(Serialize)]
+struct Dropped {
+    reason: &'static str,
+    count: usize,
+}
+
+impl Info {
+    fn of(data_set: &DataSet) -> Self {
+        let stamps = |wanted: fn(&Record) -> bool| -> Vec<f64> {
+            data_set.records.iter().filter(|record| wanted(record)).map(Record::stamp_s).collect()
+        };
+        let mut streams = vec![
+            ("LiDAR", stamps(|record| matches!(record, Record::Scan(_)))),
+            ("encoders", stamps(|record| matches!(record, Record::Encoders(_)))),
+            ("IMU", stamps(|record| matches!(record, Record::Imu(_)))),
+            ("odometry", stamps(|record| matches!(record, Record::Odometry(_)))),
+        ];
+        if let Some(images) = &data_set.images {
+            streams.push(("disparity images", images.disparity.iter().map(|image| image.stamp_s).collect()));
+            streams.push(("colour images", images.color.iter().map(|image| image.stamp_s).collect()));
+        }
+        Self {
+            format: data_set.format.description,
+            sha256: data_set.input_hash.clone(),
+            sensors: streams.iter().filter_map(|(sensor, stamps)| Stream::of(sensor, stamps)).collect(),
+            lidar: Lidar::of(data_set.scans()),
+            calibration: data_set.robot.clone(),
+            dropped: data_set
+                .dropped
+                .iter()
+                .map(|(reason, count)| Dropped { reason: reason.description(), count })
+                .collect(),
+            notes: data_set.notes.clone(),
+        }
+    }
+
+    fn print(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        writeln!(out, "{HEADING}{}{HEADING:#}", self.format)?;
+        writeln!(out, "sha256 {}\n", self.sha256)?;
+        writeln!(
+            out,
+            "{HEADING}{:<18}{:>9}{:>11}{:>12}{:>14}{:>7}{:>11}{HEADING:#}",
+            "sensor", "readings", "rate Hz", "span s", "largest gap s", "gaps", "backwards"
+        )?;
+        for stream in &self.sensors {
+            writeln!(
+                out,
+                "{:<18}{:>9}{:>11.2}{:>12.3}{:>14.3}{:>7}{:>11}",
+                stream.sensor,
+                stream.readings,
+                stream.rate_hz,
+                stream.last_stamp_s - stream.first_stamp_s,
+                stream.largest_gap_s,
+                stream.gaps,
+                stream.backwards
+            )?;
+        }
+        if let Some(lidar) = &self.lidar {
+            writeln!(
+                out,
+                "\n{HEADING}LiDAR{HEADING:#} {} rays over {:.1}°, {} to {} m; {:.1} % of the rays hit something, {:.1} % came back empty",
+                lidar.rays,
+                lidar.field_of_view_deg,
+                lidar.range_min_m,
+                lidar.range_max_m,
+                100.0 * lidar.hit_share,
+                100.0 * lidar.no_return_share
+            )?;
+            if lidar.scans_of_other_size > 0 {
+                writeln!(out, "{} scans have another number of rays", lidar.scans_of_other_size)?;
+            }
+        }
+        for dropped in &self.dropped {
+            writeln!(out, "{HEADING}dropped{HEADING:#} {} {}", dropped.count, dropped.reason)?;
+        }
+        for note in &self.notes {
+            writeln!(out, "{HEADING}note{HEADING:#} {note}")?;
+        }
+        writeln!(out, "\n{HEADING}calibration{HEADING:#}")?;
+        for line in toml::to_string(&self.calibration)?.lines() {
+            writeln!(out, "  {line}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Stream {
+    /// `None` for a sensor that delivered nothing.
+    fn of(sensor: &'static str, stamps_s: &[f64]) -> Option<Self> {
+        let steps: Vec<f64> = stamps_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let mut intervals: Vec<f64> = steps.iter().copied().filter(|&step| step > 0.0).collect();
+        intervals.sort_by(f64::total_cmp);
+        let median_s = intervals.get(intervals.len() / 2).copied().unwrap_or(0.0);
+        Some(Self {
+            sensor,
+            readings: stamps_s.len(),
+            first_stamp_s: *stamps_s.first()?,
+            last_stamp_s: *stamps_s.last()?,
+            rate_hz: if median_s > 0.0 { 1.0 / median_s } else { 0.0 },
+            largest_gap_s: intervals.last().copied().unwrap_or(0.0),
+            gaps: intervals.iter().filter(|&&interval_s| interval_s > 3.0 * median_s).count(),
+            backwards: steps.iter().filter(|&&step| step < 0.0).count(),
+        })
+    }
+}
+
+impl Lidar {
+    fn of<'a>(scans: impl Iterator<Item = &'a Scan>) -> Option<Self> {
+        let mut scans = scans.peekable();
+        let first = scans.peek()?;
+        let angles_rad = &first.geometry.angles_rad;
+        let span = angles_rad
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &angle| (low.min(angle), high.max(angle)));
+        let mut lidar = Self {
+            rays: angles_rad.len(),
+            field_of_view_deg: (span.1 - span.0).max(0.0).to_degrees(),
+            range_min_m: first.geometry.range_min_m,
+            range_max_m: first.geometry.range_max_m,
+            hit_share: 0.0,
+            no_return_share: 0.0,
+            scans_of_other_size: 0,
+        };
+        let (mut rays, mut hits, mut no_returns) = (0_usize, 0_usize, 0_usize);
+        for scan in scans {
+            lidar.scans_of_other_size += usize::from(scan.ranges_m.len() != lidar.rays);
+            rays += scan.ranges_m.len();
+            for &range_m in &scan.ranges_m {
+                match scan.geometry.classify(range_m) {
+                    Ray::Hit(_) => hits += 1,
+                    Ray::NoReturn => no_returns += 1,
+                    Ray::Invalid => {}
+                }
+            }
+        }
+        lidar.hit_share = hits as f64 / rays.max(1) as f64;
+        lidar.no_return_share = no_returns as f64 / rays.max(1) as f64;
+        Some(lidar)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_gaps_and_steps_back_are_seen() {
+        let stream = Stream::of("LiDAR", &[0.0, 0.1, 0.2, 0.15, 0.25, 1.25]).unwrap();
+        assert!((stream.rate_hz - 10.0).abs() < 1e-6);
+        assert_eq!((stream.gaps, stream.backwards, stream.readings), (1, 1, 6));
+        assert!((stream.largest_gap_s - 1.0).abs() < 1e-9);
+        assert!(Stream::of("IMU", &[]).is_none());
+    }
+}

@@ -1,0 +1,31 @@
+//! How a command ended, as the shell sees it.
+
+use std::process::ExitCode;
+
+/// How a command ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// All is well.
+    Fine,
+    /// It could not do what was asked.
+    Failed,
+    /// What was asked makes no sense: arguments or configuration.
+    BadArguments,
+    /// It finished, but more data were dropped than allowed.
+    DataDropped,
+    /// The user stopped it; what was computed so far is kept.
+    Interrupted,
+}
+
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        Self::from(match outcome {
+            Outcome::Fine => 0,
+            Outcome::Failed => 1,
+            Outcome::BadArguments => 2,
+            Outcome::DataDropped => 3,
+            // What shells give a program that SIGINT ended.
+            Outcome::Interrupted => 130,
+        })
+    }
+}

@@ -1,0 +1,159 @@
+//! Line charts as SVG, drawn with the page's own colours.
+
+use std::fmt::Write;
+
+/// A chart's drawing area, SVG units.
+const WIDTH: f64 = 640.0;
+const HEIGHT: f64 = 190.0;
+const LEFT: f64 = 46.0;
+const RIGHT: f64 = 10.0;
+const TOP: f64 = 12.0;
+const BOTTOM: f64 = 26.0;
+/// Long series are drawn as the envelope over this many columns.
+const COLUMNS: usize = 400;
+
+/// One line of a chart.
+pub(super) struct Series<'a> {
+    /// Class of the line; the style sheet gives it its colour.
+    pub(super) class: &'a str,
+    /// What it shows, for the legend; empty for none.
+    pub(super) name: &'a str,
+    /// Time (seconds) and value of each point.
+    pub(super) points: Vec<[f64; 2]>,
+}
+
+/// A chart of values over time.
+pub(super) struct Chart<'a> {
+    /// What is shown, with its unit.
+    pub(super) title: &'a str,
+    /// The lines.
+    pub(super) series: Vec<Series<'a>>,
+    /// Top of the value axis, where it is known beforehand.
+    pub(super) maximum: Option<f64>,
+}
+
+impl Chart<'_> {
+    /// The chart as a `<figure>`; empty when there is nothing to draw.
+    pub(super) fn to_html(&self) -> String {
+        let values = || self.series.iter().flat_map(|series| &series.points).filter(|point| point[1].is_finite());
+        let extreme = |axis: usize, pick: fn(f64, f64) -> f64| values().map(|point| point[axis]).reduce(pick);
+        let (Some(start), Some(end), Some(low), Some(high)) =
+            (extreme(0, f64::min), extreme(0, f64::max), extreme(1, f64::min), extreme(1, f64::max))
+        else {
+            return String::new();
+        };
+        let times = Axis::new(0.0, (end - start).max(1e-9));
+        let heights = Axis::new(low.min(0.0), self.maximum.unwrap_or(high).max(low + 1e-9));
+        let x = |time: f64| LEFT + (time - start) / times.high * (WIDTH - LEFT - RIGHT);
+        let y = |value: f64| TOP + (heights.high - value) / (heights.high - heights.low) * (HEIGHT - TOP - BOTTOM);
+
+        let mut svg = String::new();
+        for tick in heights.ticks() {
+            let at = y(tick);
+            let _ = write!(
+                svg,
+                r#"<path class="grid" d="M{LEFT} {at:.1}H{:.1}"/><text class="tick" x="{:.1}" y="{:.1}" text-anchor="end">{}</text>"#,
+                WIDTH - RIGHT,
+                LEFT - 6.0,
+                at + 3.5,
+                heights.label(tick)
+            );
+        }
+        for tick in times.ticks() {
+            let _ = write!(
+                svg,
+                r#"<text class="tick" x="{:.1}" y="{:.1}" text-anchor="middle">{} s</text>"#,
+                x(start + tick),
+                HEIGHT - 8.0,
+                times.label(tick)
+            );
+        }
+        for series in &self.series {
+            let mut path = String::new();
+            for [time, value] in envelope(&series.points) {
+                let command = if path.is_empty() { 'M' } else { 'L' };
+                let _ = write!(path, "{command}{:.1} {:.1}", x(time), y(value.min(heights.high)));
+            }
+            let _ = write!(svg, r#"<path class="line {}" d="{path}"/>"#, series.class);
+        }
+        let legend: String = self
+            .series
+            .iter()
+            .filter(|series| !series.name.is_empty())
+            .map(|series| format!(r#"<span class="key {}">{}</span>"#, series.class, series.name))
+            .collect();
+        format!(
+            r#"<figure class="chart"><figcaption>{} {legend}</figcaption><svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{0}">{svg}</svg></figure>"#,
+            self.title
+        )
+    }
+}
+
+/// The first, lowest, highest and last point of each of [`COLUMNS`] stretches, so that no peak is lost.
+fn envelope(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let points: Vec<[f64; 2]> = points.iter().copied().filter(|point| point[1].is_finite()).collect();
+    if points.len() <= 2 * COLUMNS {
+        return points;
+    }
+    let mut kept = Vec::with_capacity(2 * COLUMNS);
+    for stretch in points.chunks(points.len().div_ceil(COLUMNS)) {
+        let by_value = |a: &&[f64; 2], b: &&[f64; 2]| a[1].total_cmp(&b[1]);
+        let ends = stretch.iter().min_by(by_value).zip(stretch.iter().max_by(by_value));
+        let Some((low, high)) = ends else { continue };
+        if low[0] <= high[0] { kept.extend([*low, *high]) } else { kept.extend([*high, *low]) }
+    }
+    kept
+}
+
+/// An axis with round ticks.
+struct Axis {
+    low: f64,
+    high: f64,
+    step: f64,
+}
+
+impl Axis {
+    fn new(low: f64, high: f64) -> Self {
+        let rough = (high - low) / 4.0;
+        let magnitude = 10_f64.powf(rough.log10().floor());
+        let factor = [1.0, 2.0, 5.0].into_iter().find(|factor| factor * magnitude >= rough).unwrap_or(10.0);
+        Self { low, high, step: factor * magnitude }
+    }
+
+    fn ticks(&self) -> impl Iterator<Item = f64> + '_ {
+        let first = (self.low / self.step).ceil() as i64;
+        (first..).map(|index| index as f64 * self.step).take_while(|tick| *tick <= self.high + self.step * 1e-6)
+    }
+
+    fn label(&self, tick: f64) -> String {
+        let decimals = (-self.step.log10().floor()).max(0.0) as usize;
+        format!("{tick:.decimals$}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        let axis = Axis::new(0.0, 123.0);
+        assert_eq!(axis.ticks().collect::<Vec<_>>(), [0.0, 50.0, 100.0]);
+        assert_eq!(Axis::new(0.0, 0.9).label(0.5), "0.5");
+    }
+
+    #[test]
+    fn the_envelope_keeps_peaks() {
+        let mut points: Vec<[f64; 2]> = (0..10_000).map(|i| [f64::from(i), 0.0]).collect();
+        points[7777][1] = 5.0;
+        let kept = envelope(&points);
+        assert!(kept.len() <= 2 * COLUMNS && kept.contains(&[7777.0, 5.0]));
+        assert!(kept.windows(2).all(|pair| pair[0][0] <= pair[1][0]));
+    }
+
+    #[test]
+    fn nothing_is_drawn_from_nothing() {
+        let chart = Chart { title: "t", series: vec![], maximum: None };
+        assert_eq!(chart.to_html(), "");
+    }
+}

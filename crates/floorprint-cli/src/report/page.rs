@@ -1,0 +1,465 @@
+//! `report.html`: one page that holds everything and needs no network.
+
+use super::Report;
+use super::chart::{Chart, Series};
+use crate::figure::{FREE, OCCUPIED, UNKNOWN, scale_bar_length_m};
+use crate::run_folder::data_set_name;
+use crate::solve::Solution;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use floorprint::evaluation::{ErrorStatistics, StampIndex};
+use floorprint::map::{Occupancy, Raster};
+use floorprint::odometry::OdometrySource;
+use floorprint::sensors::StampedPose;
+use floorprint::{Config, StepReport};
+use std::fmt::Write;
+use std::path::Path;
+
+/// What the page shows besides the report's figures.
+pub(crate) struct Exhibits<'a> {
+    /// The run's result.
+    pub(crate) solution: &'a Solution,
+    /// The map.
+    pub(crate) map: &'a Raster<Occupancy>,
+    /// The floor as a PNG file.
+    pub(crate) floor_png: Option<&'a [u8]>,
+    /// The resolved configuration.
+    pub(crate) config: &'a Config,
+}
+
+/// The page as HTML.
+///
+/// # Errors
+/// The map cannot be encoded as a picture.
+pub(crate) fn page(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::EncodingError> {
+    let name = data_set_name(Path::new(&report.input.path));
+    let mut html = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{} · Floorprint</title>\n<style>\n{}</style>\n</head>\n<body>\n<main>\n",
+        escape(&name),
+        include_str!("page.css")
+    );
+    for section in [
+        header(report, &name),
+        tiles(report),
+        map_section(report, exhibits)?,
+        floor_section(report, exhibits),
+        charts(report, exhibits.solution),
+        errors(report),
+        cost_and_losses(report),
+        notes(report),
+        configuration(exhibits.config),
+        footer(report),
+    ] {
+        html.push_str(&section);
+    }
+    html.push_str("</main>\n</body>\n</html>\n");
+    Ok(html)
+}
+
+fn header(report: &Report, name: &str) -> String {
+    let partial = if report.partial { "<span class=\"badge\">partial: stopped before its end</span>" } else { "" };
+    format!(
+        "<header><h1>{}</h1>{partial}<p>{} · preset {} · seed {} · odometry from {}</p></header>\n",
+        escape(name),
+        escape(report.input.format),
+        report.preset,
+        report.seed,
+        odometry_name(report.drive.odometry)
+    )
+}
+
+fn tiles(report: &Report) -> String {
+    let mut tiles = String::new();
+    let mut tile = |class: &str, figure: String, label: &str, remark: String| {
+        let _ =
+            write!(tiles, "<div class=\"tile {class}\"><b>{figure}</b><span>{label}</span><span>{remark}</span></div>");
+    };
+    let errors = &report.errors;
+    if let Some(error) = &errors.trajectory {
+        let of_odometry = |figure: fn(&floorprint::evaluation::TrajectoryError) -> String| {
+            errors.odometry.as_ref().map_or(String::new(), |odometry| format!("dead reckoning {}", figure(odometry)))
+        };
+        let (position, heading) = (error.translation_m.rmse, error.rotation_deg.rmse);
+        tile(
+            "good",
+            format!("{position:.3} m"),
+            "position RMSE",
+            of_odometry(|e| format!("{:.3} m", e.translation_m.rmse)),
+        );
+        tile("good", format!("{heading:.2}°"), "heading RMSE", of_odometry(|e| format!("{:.2}°", e.rotation_deg.rmse)));
+    }
+    if let Some(relations) = &errors.relations
+        && let (Some(translation), Some(rotation)) = (&relations.all.translation_m, &relations.all.rotation_deg)
+    {
+        let matched = format!("{} of {} relations", relations.all.matched, relations.all.relations);
+        tile("good", format!("{:.3} m", translation.mean), "mean relation error", matched.clone());
+        tile("good", format!("{:.2}°", rotation.mean), "mean relation error", matched);
+    }
+    if let Some(quality) = &errors.map {
+        tile(
+            "good",
+            format!("{:.3}", quality.f1),
+            "F1 of occupied cells",
+            format!("{:.0} % explored", 100.0 * quality.explored),
+        );
+    }
+    if let Some(texture) = &errors.texture {
+        let coverage =
+            texture.coverage.map_or(String::new(), |share| format!("{:.1} % of the floor seen", 100.0 * share));
+        tile("good", format!("{:.1} / 255", texture.mean_absolute_error), "floor colour error", coverage);
+    }
+    let drive = &report.drive;
+    tile(
+        "",
+        format!("{:.1} m", drive.length_m),
+        "driven",
+        format!("in {:.0} s, {} poses", drive.duration_s, drive.poses),
+    );
+    tile(
+        "",
+        format!("{:.0} m²", report.map.free_m2),
+        "free floor",
+        format!("{:.0} mm cells", 1e3 * report.map.resolution_m),
+    );
+    if let Some(texture) = &report.texture {
+        tile("", format!("{:.0} m²", texture.painted_m2), "painted", format!("from {} images", texture.images));
+    }
+    tile(
+        "",
+        format!("{:.0}×", report.cost.real_time_factor),
+        "real time",
+        format!("{:.2} s of work", report.cost.wall_s),
+    );
+    tile("", format!("{:.2} %", 100.0 * report.dropped_share), "of the data dropped", String::new());
+    format!("<section class=\"tiles\">{tiles}</section>\n")
+}
+
+fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::EncodingError> {
+    let Exhibits { solution, map, .. } = exhibits;
+    let truth = &report.errors.true_trajectory;
+    let view = View::around(&[&solution.trajectory, &solution.odometry, truth], map);
+    let mut layers = vec![
+        ("map", "cells", "map"),
+        ("trajectory", "trajectory", "trajectory"),
+        ("odometry", "odometry", "dead reckoning"),
+    ];
+    let mut svg = view.image("cells", map.origin_m, map.width, map.height, map.resolution_m, &map_png(map)?);
+    svg.push_str(&view.path("odometry", &solution.odometry));
+    if !truth.is_empty() {
+        layers.push(("truth", "truth", "truth"));
+        svg.push_str(&view.path("truth", truth));
+    }
+    svg.push_str(&view.path("trajectory", &solution.trajectory));
+    svg.push_str(&view.ends(&solution.trajectory));
+    svg.push_str(&view.scale_bar());
+    let controls: String = layers
+        .iter()
+        .map(|(id, class, label)| {
+            format!("<label><input type=\"checkbox\" id=\"show-{id}\" checked><i class=\"{class}\"></i>{label}</label>")
+        })
+        .collect();
+    Ok(format!(
+        "<section class=\"card\"><div class=\"head\"><h2>Map and trajectory</h2><div class=\"layers\">{controls}</div></div>\
+         <div class=\"paper plan\">{}</div>\
+         <p class=\"caption\">White is unknown, light gray free, black occupied. The ring is the start, the dot the end.</p></section>\n",
+        view.svg("map with trajectory and dead reckoning", &svg)
+    ))
+}
+
+fn floor_section(report: &Report, exhibits: &Exhibits<'_>) -> String {
+    let (Some(floor), Some(png), Some(summary)) = (&exhibits.solution.floor, exhibits.floor_png, &report.texture)
+    else {
+        return String::new();
+    };
+    let map = &floor.map;
+    let view = View {
+        low_m: map.origin_m,
+        high_m: [
+            map.origin_m[0] + map.width as f64 * map.resolution_m,
+            map.origin_m[1] + map.height as f64 * map.resolution_m,
+        ],
+    };
+    let mut svg = view.image("", map.origin_m, map.width, map.height, map.resolution_m, png);
+    svg.push_str(&view.path("trajectory", &exhibits.solution.trajectory));
+    svg.push_str(&view.scale_bar());
+    format!(
+        "<section class=\"card\"><div class=\"head\"><h2>Floor</h2><div class=\"layers\">\
+         <label><input type=\"checkbox\" id=\"show-path\"><i class=\"trajectory\"></i>trajectory</label></div></div>\
+         <div class=\"paper plan floor\">{}</div>\
+         <p class=\"caption\">{:.1} m² painted from {} image pairs, {:.0} mm cells.</p></section>\n",
+        view.svg("colours of the floor", &svg),
+        summary.painted_m2,
+        summary.images,
+        1e3 * summary.resolution_m
+    )
+}
+
+fn charts(report: &Report, solution: &Solution) -> String {
+    let over_time = |value: fn(&StepReport) -> f64| -> Vec<[f64; 2]> {
+        solution.steps.iter().map(|step| [step.stamp_s, value(step)]).collect()
+    };
+    let plain = |points| vec![Series { class: "", name: "", points }];
+    let mut charts = vec![
+        Chart {
+            title: "Effective number of particles",
+            series: plain(over_time(|step| step.filter.effective_particles)),
+            maximum: Some(report.filter.particles as f64),
+        },
+        Chart { title: "Match score", series: plain(over_time(|step| step.filter.score)), maximum: None },
+        Chart {
+            title: "Share of points on the map",
+            series: plain(over_time(|step| step.filter.inlier_share)),
+            maximum: Some(1.0),
+        },
+    ];
+    if !report.errors.true_trajectory.is_empty() {
+        let truth = StampIndex::new(&report.errors.true_trajectory);
+        let errors = |poses: &[StampedPose]| -> Vec<[f64; 2]> {
+            let error = |pose: &StampedPose| {
+                let truth = truth.interpolated(pose.stamp_s, 1e-4, 0.5)?;
+                Some([pose.stamp_s, truth.between(&pose.pose).distance()])
+            };
+            poses.iter().filter_map(error).collect()
+        };
+        charts.push(Chart {
+            title: "Position error, m",
+            series: vec![
+                Series { class: "odometry", name: "dead reckoning", points: errors(&solution.odometry) },
+                Series { class: "trajectory", name: "trajectory", points: errors(&solution.trajectory) },
+            ],
+            maximum: None,
+        });
+    }
+    let cards: String =
+        charts.iter().map(|chart| format!("<section class=\"card\">{}</section>", chart.to_html())).collect();
+    format!("<div class=\"pair\">{cards}</div>\n")
+}
+
+fn errors(report: &Report) -> String {
+    let mut rows = String::new();
+    let mut row = |name: &str, statistics: Option<&ErrorStatistics>| {
+        if let Some(ErrorStatistics { rmse, mean, median, max, .. }) = statistics {
+            let _ = write!(
+                rows,
+                "<tr><td>{name}</td><td>{rmse:.4}</td><td>{mean:.4}</td><td>{median:.4}</td><td>{max:.4}</td></tr>"
+            );
+        }
+    };
+    let errors = &report.errors;
+    for (name, error) in [("trajectory", &errors.trajectory), ("dead reckoning", &errors.odometry)] {
+        if let Some(error) = error {
+            row(&format!("{name}, position, m"), Some(&error.translation_m));
+            row(&format!("{name}, heading, °"), Some(&error.rotation_deg));
+        }
+    }
+    for (name, relations) in [("trajectory", &errors.relations), ("dead reckoning", &errors.odometry_relations)] {
+        if let Some(relations) = relations {
+            row(&format!("{name}, relations, m"), relations.all.translation_m.as_ref());
+            row(&format!("{name}, relations, °"), relations.all.rotation_deg.as_ref());
+        }
+    }
+    if rows.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<section class=\"card\"><h2>Errors against the truth</h2><div class=\"scroll\"><table><thead><tr><th></th>\
+         <th>RMSE</th><th>mean</th><th>median</th><th>max</th></tr></thead><tbody>{rows}</tbody></table></div></section>\n"
+    )
+}
+
+fn cost_and_losses(report: &Report) -> String {
+    let total: f64 = report.cost.phases.iter().map(|phase| phase.seconds).sum();
+    let mut phases = String::new();
+    for phase in &report.cost.phases {
+        let share = 100.0 * phase.seconds / total.max(f64::MIN_POSITIVE);
+        let _ = write!(
+            phases,
+            "<tr><td>{}</td><td>{:.3} s</td><td class=\"share\"><i style=\"width:{share:.1}%\"></i></td></tr>",
+            phase.phase, phase.seconds
+        );
+    }
+    let cpu = report.cost.cpu_s.map_or(String::new(), |seconds| format!(" · {seconds:.2} s of CPU"));
+    let memory =
+        report.cost.peak_memory_bytes.map_or(String::new(), |bytes| format!(" · {:.0} MB at most", bytes as f64 / 1e6));
+    let mut losses = String::new();
+    for dropped in &report.dropped {
+        let _ = write!(losses, "<tr><td>{}</td><td>{}</td></tr>", escape(&dropped.reason), dropped.count);
+    }
+    if losses.is_empty() {
+        losses.push_str("<tr><td>nothing</td><td>0</td></tr>");
+    }
+    format!(
+        "<div class=\"pair\"><section class=\"card\"><h2>Time</h2><table><tbody>{phases}</tbody></table>\
+         <p class=\"caption\">{:.2} s in all, {} thread{}{cpu}{memory}</p></section>\
+         <section class=\"card\"><h2>Dropped data</h2><table><tbody>{losses}</tbody></table></section></div>\n",
+        report.cost.wall_s,
+        report.cost.threads,
+        if report.cost.threads == 1 { "" } else { "s" }
+    )
+}
+
+fn notes(report: &Report) -> String {
+    if report.notes.is_empty() {
+        return String::new();
+    }
+    let items: String = report.notes.iter().map(|note| format!("<li>{}</li>", escape(note))).collect();
+    format!("<section class=\"card\"><h2>Notes</h2><ul>{items}</ul></section>\n")
+}
+
+fn configuration(config: &Config) -> String {
+    format!(
+        "<details class=\"card\"><summary>Configuration</summary><pre>{}</pre></details>\n",
+        escape(config.to_toml().trim())
+    )
+}
+
+fn footer(report: &Report) -> String {
+    format!(
+        "<footer>Floorprint {} · {} · calibration {} · SHA-256 {}</footer>\n",
+        report.version,
+        escape(&report.input.path),
+        escape(&report.input.robot),
+        report.input.sha256
+    )
+}
+
+fn odometry_name(source: OdometrySource) -> &'static str {
+    match source {
+        OdometrySource::Auto => "whatever there is",
+        OdometrySource::Wheels => "the wheels",
+        OdometrySource::WheelsAndGyro => "wheels and gyro",
+        OdometrySource::Log => "the log",
+        OdometrySource::ScanMatching => "scan matching alone",
+    }
+}
+
+/// A part of the world, drawn in metres with y upwards.
+struct View {
+    low_m: [f64; 2],
+    high_m: [f64; 2],
+}
+
+impl View {
+    /// The smallest view with some air around that holds the map and the trajectories, as far as
+    /// these do not run off: a bad dead reckoning must not shrink the map to a spot.
+    fn around(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
+        let size_m = [map.width as f64 * map.resolution_m, map.height as f64 * map.resolution_m];
+        let (mut low_m, mut high_m) = (map.origin_m, [map.origin_m[0] + size_m[0], map.origin_m[1] + size_m[1]]);
+        let air_m = 0.02 * size_m[0].max(size_m[1]);
+        for axis in 0..2 {
+            let furthest = [low_m[axis] - 0.5 * size_m[axis], high_m[axis] + 0.5 * size_m[axis]];
+            for stamped in trajectories.iter().copied().flatten() {
+                let position = if axis == 0 { stamped.pose.x } else { stamped.pose.y };
+                low_m[axis] = low_m[axis].min(position.max(furthest[0]));
+                high_m[axis] = high_m[axis].max(position.min(furthest[1]));
+            }
+            low_m[axis] -= air_m;
+            high_m[axis] += air_m;
+        }
+        Self { low_m, high_m }
+    }
+
+    fn longest_m(&self) -> f64 {
+        (self.high_m[0] - self.low_m[0]).max(self.high_m[1] - self.low_m[1])
+    }
+
+    fn svg(&self, label: &str, content: &str) -> String {
+        let [width, height] = [self.high_m[0] - self.low_m[0], self.high_m[1] - self.low_m[1]];
+        format!(
+            "<svg viewBox=\"{:.3} {:.3} {width:.3} {height:.3}\" role=\"img\" aria-label=\"{label}\">{content}</svg>",
+            self.low_m[0], -self.high_m[1]
+        )
+    }
+
+    fn image(
+        &self,
+        class: &str,
+        origin_m: [f64; 2],
+        width: usize,
+        height: usize,
+        resolution_m: f64,
+        png: &[u8],
+    ) -> String {
+        let (width_m, height_m) = (width as f64 * resolution_m, height as f64 * resolution_m);
+        format!(
+            "<image class=\"{class}\" x=\"{:.3}\" y=\"{:.3}\" width=\"{width_m:.3}\" height=\"{height_m:.3}\" \
+             preserveAspectRatio=\"none\" href=\"data:image/png;base64,{}\"/>",
+            origin_m[0],
+            -(origin_m[1] + height_m),
+            STANDARD.encode(png)
+        )
+    }
+
+    /// A trajectory as a path; points nearer to each other than can be seen are left out.
+    fn path(&self, class: &str, poses: &[StampedPose]) -> String {
+        let least_m = self.longest_m() / 2000.0;
+        let mut data = String::new();
+        let mut last: Option<[f64; 2]> = None;
+        for StampedPose { pose, .. } in poses {
+            if last.is_some_and(|[x, y]| (pose.x - x).hypot(pose.y - y) < least_m) {
+                continue;
+            }
+            let command = if last.is_none() { 'M' } else { 'L' };
+            let _ = write!(data, "{command}{:.3} {:.3}", pose.x, -pose.y);
+            last = Some([pose.x, pose.y]);
+        }
+        format!("<path class=\"{class}\" d=\"{data}\"/>")
+    }
+
+    fn ends(&self, poses: &[StampedPose]) -> String {
+        let radius_m = self.longest_m() / 130.0;
+        let disc = |class: &str, stamped: Option<&StampedPose>| {
+            stamped.map_or(String::new(), |StampedPose { pose, .. }| {
+                format!(
+                    "<circle class=\"{class} trajectory\" cx=\"{:.3}\" cy=\"{:.3}\" r=\"{radius_m:.3}\"/>",
+                    pose.x, -pose.y
+                )
+            })
+        };
+        disc("start", poses.first()) + &disc("end", poses.last())
+    }
+
+    fn scale_bar(&self) -> String {
+        let length_m = scale_bar_length_m(self.high_m[0] - self.low_m[0]);
+        let air_m = 0.025 * self.longest_m();
+        let (x, y) = (self.low_m[0] + air_m, -self.low_m[1] - air_m);
+        format!(
+            "<path class=\"bar\" d=\"M{x:.3} {y:.3}h{length_m}\"/><text x=\"{:.3}\" y=\"{:.3}\" font-size=\"{:.3}\">{length_m} m</text>",
+            x + length_m + 0.4 * air_m,
+            y + 0.3 * air_m,
+            air_m
+        )
+    }
+}
+
+/// The map as a small PNG, one pixel a cell.
+fn map_png(map: &Raster<Occupancy>) -> Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let length = |cells: usize| u32::try_from(cells).unwrap_or(0);
+    let mut encoder = png::Encoder::new(&mut bytes, length(map.width), length(map.height));
+    encoder.set_color(png::ColorType::Indexed);
+    encoder.set_depth(png::BitDepth::Two);
+    encoder.set_palette([UNKNOWN, FREE, OCCUPIED].concat());
+    let level = |cell: &Occupancy| match cell {
+        Occupancy::Unknown => 0,
+        Occupancy::Free => 1,
+        Occupancy::Occupied => 2,
+    };
+    let packed: Vec<u8> = map
+        .cells
+        .chunks(map.width.max(1))
+        .flat_map(|row| row.chunks(4))
+        .map(|cells| cells.iter().enumerate().fold(0, |byte, (index, cell)| byte | level(cell) << (6 - 2 * index)))
+        .collect();
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&packed)?;
+    writer.finish()?;
+    Ok(bytes)
+}
+
+/// Text that is safe between tags and in attributes.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,148 @@
+//! `floorprint run`: from a data set to a folder of results.
+
+use crate::config::Settings;
+use crate::interrupt::Interrupt;
+use crate::outcome::Outcome;
+use crate::report::Report;
+use crate::run_folder;
+use crate::snapshots::Snapshots;
+use crate::solve::{Surroundings, solve};
+use crate::stopwatch::Stopwatch;
+use crate::summary;
+use crate::terminal::Terminal;
+use crate::truth::TruthFiles;
+use clap::Args;
+use floorprint::map::{Occupancy, Raster};
+use floorprint::{Phase, Profiler};
+use floorprint_io::{OpenOptions, RunFolder, open};
+use std::path::{Path, PathBuf};
+
+/// Solve a drive: trajectory, map, floor and a report, in one folder.
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Data set: a file or a folder, recognised by its content.
+    path: PathBuf,
+    /// Number of the drive, for folders that hold several.
+    #[arg(long, value_name = "N")]
+    drive: Option<u32>,
+    #[command(flatten)]
+    settings: Settings,
+    #[command(flatten)]
+    work: Work,
+    /// Folder of the results [default: runs/<data set>-<preset>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace the folder if it exists.
+    #[arg(long)]
+    force: bool,
+    /// Largest share of the data that may be dropped; beyond it the exit code is 3.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05)]
+    max_dropped: f64,
+}
+
+/// How the work is done, whatever is solved.
+#[derive(Args, Clone, Debug, Default)]
+pub(crate) struct Work {
+    /// Threads that share the work; the results are the same for any number [default: all cores].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=512))]
+    threads: Option<u16>,
+    /// Leave the floor unpainted.
+    #[arg(long)]
+    no_texture: bool,
+    /// Draw the map so far every so many seconds of the drive, and an animation.
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    snapshots: Option<f64>,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
+    if number.is_finite() && number > 0.0 { Ok(number) } else { Err("expected a number > 0".to_owned()) }
+}
+
+/// What to solve and where to put it.
+pub(crate) struct Task<'a> {
+    /// Data set.
+    pub(crate) path: &'a Path,
+    /// Number of the drive.
+    pub(crate) drive: Option<u32>,
+    /// Configuration.
+    pub(crate) settings: &'a Settings,
+    /// Threads and extras.
+    pub(crate) work: &'a Work,
+    /// Folder of the results.
+    pub(crate) out: &'a Path,
+    /// Whether an existing folder is replaced.
+    pub(crate) force: bool,
+}
+
+/// Runs `floorprint run`.
+pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    let out = arguments.out.clone().unwrap_or_else(|| {
+        let name = run_folder::data_set_name(&arguments.path);
+        let drive = arguments.drive.map_or(String::new(), |drive| format!("-{drive}"));
+        Path::new("runs").join(format!("{name}{drive}-{}", arguments.settings.preset.name()))
+    });
+    let task = Task {
+        path: &arguments.path,
+        drive: arguments.drive,
+        settings: &arguments.settings,
+        work: &arguments.work,
+        out: &out,
+        force: arguments.force,
+    };
+    let report = task.execute(terminal)?;
+    summary::print(&mut terminal.results(), &report, &out)?;
+    if report.partial {
+        terminal.warn("stopped before its end: the results are partial");
+        return Ok(Outcome::Interrupted);
+    }
+    if report.dropped_share > arguments.max_dropped {
+        terminal.warn(&format!(
+            "{:.1} % of the data were dropped, more than the {:.1} % that --max-dropped allows; the report lists them",
+            100.0 * report.dropped_share,
+            100.0 * arguments.max_dropped
+        ));
+        return Ok(Outcome::DataDropped);
+    }
+    Ok(Outcome::Fine)
+}
+
+impl Task<'_> {
+    /// Solves the drive on its own pool of threads and writes the folder.
+    pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Report> {
+        let threads = self.work.threads.map_or(0, usize::from);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let interrupt = Interrupt::listen();
+        pool.install(|| self.solve_and_write(terminal, &interrupt))
+    }
+
+    fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Report> {
+        let mut stopwatch = Stopwatch::start(Phase::Read);
+        let folder = RunFolder::create(self.out, self.force)?;
+        let data_set = open(self.path, &OpenOptions { drive: self.drive })?;
+        let config = self.settings.resolve(Some(&data_set.robot))?;
+        for note in &data_set.notes {
+            terminal.note(note);
+        }
+
+        let mut snapshots = self.work.snapshots.map(Snapshots::new);
+        let mut around = Surroundings { terminal, interrupt, profiler: &mut stopwatch, snapshots: snapshots.as_mut() };
+        let solution = solve(&data_set, &config, !self.work.no_texture, &mut around)?;
+
+        stopwatch.enter(Phase::Write);
+        let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
+        let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
+        report.errors = TruthFiles::beside(self.path).errors(&solution, &map, &config, &mut report.notes)?;
+        if let Some(snapshots) = &snapshots {
+            snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
+        }
+        run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
+        folder.finish()?;
+        Ok(report)
+    }
+}
+
+/// The map of a drive on which nothing was seen: one unknown cell.
+fn nothing_seen(resolution_m: f64) -> Raster<Occupancy> {
+    Raster { width: 1, height: 1, resolution_m, origin_m: [0.0, 0.0], cells: vec![Occupancy::Unknown] }
+}

@@ -1,0 +1,47 @@
+//! The content of a run folder.
+
+use crate::figure::Figure;
+use crate::report::{Exhibits, Report, page};
+use crate::solve::Solution;
+use crate::stopwatch::Stopwatch;
+use floorprint::Config;
+use floorprint::map::{Occupancy, Raster};
+use floorprint_io::{write_file, write_floor, write_map, write_png, write_trajectory};
+use std::fs;
+use std::path::Path;
+
+/// Writes everything: poses, maps, pictures, configuration and reports.
+///
+/// # Errors
+/// A file cannot be written.
+pub(crate) fn write(
+    folder: &Path,
+    report: &mut Report,
+    solution: &Solution,
+    map: &Raster<Occupancy>,
+    config: &Config,
+    stopwatch: &mut Stopwatch,
+) -> anyhow::Result<()> {
+    write_trajectory(&folder.join("trajectory.tum"), &solution.trajectory)?;
+    write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?;
+    write_map(&folder.join("map.yaml"), map)?;
+    write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?;
+    write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?;
+    let mut floor_png = None;
+    if let Some(floor) = &solution.floor {
+        write_floor(&folder.join("texture.png"), &floor.map)?;
+        floor_png = Some(fs::read(folder.join("texture.png"))?);
+    }
+    report.take_cost(stopwatch);
+    write_file(&folder.join("report.json"), (serde_json::to_string_pretty(report)? + "\n").as_bytes())?;
+    let exhibits = Exhibits { solution, map, floor_png: floor_png.as_deref(), config };
+    write_file(&folder.join("report.html"), page(report, &exhibits)?.as_bytes())?;
+    Ok(())
+}
+
+/// What a data set is called: its file name without endings.
+pub(crate) fn data_set_name(path: &Path) -> String {
+    let absolute = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
+    let name = absolute.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if absolute.is_dir() { name } else { name.split('.').next().unwrap_or_default().to_owned() }
+}

@@ -1,0 +1,180 @@
+//! From a data set to a trajectory, a map and a floor: the work that `run` and `demo` share.
+
+use crate::interrupt::Interrupt;
+use crate::snapshots::Snapshots;
+use crate::terminal::Terminal;
+use floorprint::map::OccupancyGrid;
+use floorprint::odometry::{Frames, SynchronisationSummary, Trajectory};
+use floorprint::sensors::StampedPose;
+use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time};
+use floorprint::{Config, Phase, Profiler, Slam, StepReport};
+use floorprint_io::{DataSet, ImageIndex};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// What a drive amounts to.
+pub(crate) struct Solution {
+    /// What each step of the filter said.
+    pub(crate) steps: Vec<StepReport>,
+    /// The body's pose at every scan; the first is the identity.
+    pub(crate) trajectory: Vec<StampedPose>,
+    /// Dead reckoning at every scan.
+    pub(crate) odometry: Vec<StampedPose>,
+    /// The occupancy grid.
+    pub(crate) map: OccupancyGrid,
+    /// The painted floor, where there were images.
+    pub(crate) floor: Option<Floor>,
+    /// What became of the records.
+    pub(crate) summary: SynchronisationSummary,
+    /// Scans that the filter could not use, with the reason.
+    pub(crate) refused: BTreeMap<String, usize>,
+    /// Whether the user stopped the work before its end.
+    pub(crate) partial: bool,
+}
+
+/// The painted floor and what became of the images.
+pub(crate) struct Floor {
+    /// The colours.
+    pub(crate) map: TextureMap,
+    /// Times of the images that show floor, seconds.
+    pub(crate) stamps_s: Vec<f64>,
+    /// Images that were not used, by reason.
+    pub(crate) skipped: BTreeMap<String, usize>,
+}
+
+impl Floor {
+    /// Floor that has a colour, square metres.
+    pub(crate) fn painted_m2(&self) -> f64 {
+        self.map.cells.iter().flatten().count() as f64 * self.map.resolution_m * self.map.resolution_m
+    }
+}
+
+/// Everything around the work: who watches it and who may end it.
+pub(crate) struct Surroundings<'a> {
+    /// Where progress is shown.
+    pub(crate) terminal: &'a Terminal,
+    /// Ctrl-C.
+    pub(crate) interrupt: &'a Interrupt,
+    /// Told which phase the work is in.
+    pub(crate) profiler: &'a mut dyn Profiler,
+    /// Draws pictures on the way, where asked for.
+    pub(crate) snapshots: Option<&'a mut Snapshots>,
+}
+
+/// Runs the filter over a drive and paints the floor.
+///
+/// # Errors
+/// No frames can be made of the records; the camera's calibration cannot work.
+pub(crate) fn solve(
+    data_set: &DataSet,
+    config: &Config,
+    paint_floor: bool,
+    around: &mut Surroundings<'_>,
+) -> anyhow::Result<Solution> {
+    around.profiler.enter(Phase::Synchronise);
+    let frames = Frames::new(&data_set.records, config)?;
+    let mut slam = Slam::new(config);
+    let mut steps = Vec::with_capacity(frames.len());
+    let mut refused = BTreeMap::new();
+    let progress = around.terminal.progress("solving", "scans", frames.len());
+    let mut positions = 0;
+    while positions < frames.len() && !around.interrupt.requested() {
+        around.profiler.enter(Phase::Synchronise);
+        if let Some(frame) = frames.frame(positions) {
+            match slam.process(&frame, around.profiler) {
+                Ok(step) => steps.push(step),
+                Err(error) => *refused.entry(error.to_string()).or_default() += 1,
+            }
+            if let Some(snapshots) = &mut around.snapshots {
+                snapshots.observe(&slam, &steps);
+            }
+        }
+        positions += 1;
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+
+    let mut partial = positions < frames.len();
+    let result = slam.finish((0..positions).filter_map(|position| frames.frame(position)), around.profiler);
+    let floor = match (&data_set.images, &config.robot.camera) {
+        (Some(images), Some(_)) if paint_floor && !partial => {
+            around.profiler.enter(Phase::Texture);
+            Some(paint(images, config, &frames, &result.trajectory, around)?)
+        }
+        _ => None,
+    };
+    partial |= around.interrupt.requested();
+    Ok(Solution {
+        odometry: frames.dead_reckoned_poses().take(positions).collect(),
+        summary: frames.summary().clone(),
+        trajectory: result.trajectory,
+        map: result.map,
+        steps,
+        floor,
+        refused,
+        partial,
+    })
+}
+
+/// Paints the floor from the images, read as they are needed.
+fn paint(
+    images: &ImageIndex,
+    config: &Config,
+    frames: &Frames<'_>,
+    poses: &[StampedPose],
+    around: &Surroundings<'_>,
+) -> anyhow::Result<Floor> {
+    let Some(camera) = &config.robot.camera else { anyhow::bail!("the robot has no camera") };
+    let mapper = FloorMapper::new(&config.texture, camera, config.seed)?;
+    let stamps = |entries: &[floorprint_io::ImageEntry]| entries.iter().map(|entry| entry.stamp_s).collect::<Vec<_>>();
+    let pairing = pair_by_time(&stamps(&images.disparity), &stamps(&images.color), config.texture.pairing_gap_max_s);
+    let dead_reckoning = frames.dead_reckoning();
+    let progress = around.terminal.progress("painting", "images", pairing.pairs.len());
+
+    let outcomes: Vec<Result<FloorPatch, String>> = pairing
+        .pairs
+        .par_iter()
+        .filter(|_| !around.interrupt.requested())
+        .map(|pair| {
+            let load =
+                || Ok((images.disparity[pair.disparity].load_disparity()?, images.color[pair.color].load_color()?));
+            let (disparity, color) = load().map_err(|error: floorprint_io::ReadError| error.problem().found.clone())?;
+            let motion = dead_reckoning.motion(disparity.stamp_s, color.stamp_s);
+            let frame = RgbdFrame { disparity: &disparity, color: &color, disparity_body_from_color_body: motion };
+            let patch = mapper.patch(&frame).map_err(|reason| reason_for_skipping(reason).to_owned());
+            progress.inc(1);
+            patch
+        })
+        .collect();
+    progress.finish_and_clear();
+
+    let mut skipped = BTreeMap::new();
+    let mut count = |reason: String, images: usize| {
+        if images > 0 {
+            *skipped.entry(reason).or_insert(0) += images;
+        }
+    };
+    count("disparity images without a colour image near in time".to_owned(), pairing.unpaired_disparity);
+    count("colour images without a disparity image near in time".to_owned(), pairing.unpaired_color);
+    let mut patches = Vec::with_capacity(outcomes.len());
+    for outcome in outcomes {
+        match outcome {
+            Ok(patch) => patches.push(patch),
+            Err(reason) => count(reason, 1),
+        }
+    }
+    let trajectory = Trajectory::new(poses);
+    let stamps_s: Vec<f64> = patches.iter().map(|patch| patch.stamp_s).collect();
+    let poses: Vec<_> = stamps_s.iter().map(|&stamp_s| trajectory.pose_at(stamp_s, dead_reckoning)).collect();
+    Ok(Floor { map: mapper.paint(&patches, &poses), stamps_s, skipped })
+}
+
+/// Why an image pair shows no floor, for people.
+fn reason_for_skipping(reason: SkipReason) -> &'static str {
+    match reason {
+        SkipReason::BrokenImage => "images without the pixels they announce",
+        SkipReason::UnknownMotion => "images without odometry between them",
+        SkipReason::NoDepth => "disparity images without a measurement",
+        SkipReason::NoFloor => "images without floor in view",
+    }
+}

@@ -1,0 +1,64 @@
+//! What a run ends with on the terminal: a short table and where to look.
+
+use crate::report::Report;
+use crate::terminal::HEADING;
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Prints the summary of a run whose results lie in `folder`.
+pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io::Result<()> {
+    let drive = &report.drive;
+    let mut line = |name: &str, text: String| writeln!(out, "{HEADING}{name:<12}{HEADING:#}{text}");
+    line(
+        "drive",
+        format!("{:.1} m in {:.1} s, {} of {} scans", drive.length_m, drive.duration_s, drive.poses, drive.scans),
+    )?;
+    let errors = &report.errors;
+    for (name, error) in [("trajectory", &errors.trajectory), ("odometry", &errors.odometry)] {
+        if let Some(error) = error {
+            line(
+                name,
+                format!(
+                    "RMSE {:.4} m, {:.3}°  (largest {:.4} m, {:.3}°)",
+                    error.translation_m.rmse, error.rotation_deg.rmse, error.translation_m.max, error.rotation_deg.max
+                ),
+            )?;
+        }
+    }
+    for (name, relations) in [("relations", &errors.relations), ("odometry", &errors.odometry_relations)] {
+        if let Some(relations) = relations
+            && let (Some(translation), Some(rotation)) = (&relations.all.translation_m, &relations.all.rotation_deg)
+        {
+            line(
+                name,
+                format!(
+                    "mean error {:.4} m, {:.3}°  ({} of {} matched)",
+                    translation.mean, rotation.mean, relations.all.matched, relations.all.relations
+                ),
+            )?;
+        }
+    }
+    let map = &report.map;
+    let quality = errors.map.map_or(String::new(), |quality| {
+        format!(", F1 {:.4} (precision {:.4}, recall {:.4})", quality.f1, quality.precision, quality.recall)
+    });
+    line("map", format!("{}×{} cells, {:.1} m² free{quality}", map.size_cells[0], map.size_cells[1], map.free_m2))?;
+    if let Some(texture) = &report.texture {
+        let error = errors.texture.map_or(String::new(), |error| {
+            let coverage =
+                error.coverage.map_or(String::new(), |share| format!(", {:.1} % of the floor seen", 100.0 * share));
+            format!(", colour error {:.2} / 255{coverage}", error.mean_absolute_error)
+        });
+        line("floor", format!("{:.1} m² from {} image pairs{error}", texture.painted_m2, texture.images))?;
+    }
+    if !report.dropped.is_empty() {
+        let lost: usize = report.dropped.iter().map(|dropped| dropped.count).sum();
+        line("dropped", format!("{lost} ({:.2} % of the data)", 100.0 * report.dropped_share))?;
+    }
+    let cost = &report.cost;
+    let cpu = cost.cpu_s.map_or(String::new(), |seconds| format!(", {seconds:.2} s of CPU"));
+    let memory = cost.peak_memory_bytes.map_or(String::new(), |bytes| format!(", {:.0} MB", bytes as f64 / 1e6));
+    line("cost", format!("{:.2} s{cpu}{memory}, {:.0}× real time", cost.wall_s, cost.real_time_factor))?;
+    line("results", folder.join("report.html").display().to_string())?;
+    out.flush()
+}

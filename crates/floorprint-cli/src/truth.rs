@@ -1,0 +1,119 @@
+//! The truth, where it lies beside a data set, and the errors against it.
+//!
+//! A folder may hold `truth.tum`, `truth_map.yaml` and `truth_texture.json`; a log
+//! `NAME.clf.gz` may have `NAME.relations` beside it.
+
+use crate::solve::Solution;
+use floorprint::Config;
+use floorprint::evaluation::{
+    EvaluationError, MapQuality, MapQualityOptions, RelationReport, StampIndex, TextureError, TextureErrorOptions,
+    TrajectoryError, TrajectoryErrorOptions, camera_footprint,
+};
+use floorprint::map::{Occupancy, Raster};
+use floorprint::sensors::StampedPose;
+use floorprint_io::{ReadError, read_floor, read_map, read_relations, read_trajectory};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Where the truth about a drive lies, as far as there is any.
+#[derive(Debug, Default)]
+pub(crate) struct TruthFiles {
+    trajectory: Option<PathBuf>,
+    map: Option<PathBuf>,
+    floor: Option<PathBuf>,
+    relations: Option<PathBuf>,
+}
+
+/// Errors against the truth; absent where there is none.
+#[derive(Debug, Default, Serialize)]
+pub(crate) struct Errors {
+    /// Of the trajectory.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) trajectory: Option<TrajectoryError>,
+    /// Of dead reckoning, for comparison.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) odometry: Option<TrajectoryError>,
+    /// Of the occupied cells.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) map: Option<MapQuality>,
+    /// Of the floor's colours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) texture: Option<TextureError>,
+    /// Of the trajectory against the benchmark's relations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) relations: Option<RelationReport>,
+    /// The same of dead reckoning.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) odometry_relations: Option<RelationReport>,
+    /// The true trajectory itself, for drawing.
+    #[serde(skip)]
+    pub(crate) true_trajectory: Vec<StampedPose>,
+}
+
+impl TruthFiles {
+    /// Looks for the truth beside the data set at `path`.
+    pub(crate) fn beside(path: &Path) -> Self {
+        let existing = |candidate: PathBuf| candidate.is_file().then_some(candidate);
+        if path.is_dir() {
+            return Self {
+                trajectory: existing(path.join("truth.tum")),
+                map: existing(path.join("truth_map.yaml")),
+                floor: existing(path.join("truth_texture.json")),
+                relations: None,
+            };
+        }
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let stem = name.split('.').next().unwrap_or_default();
+        Self {
+            trajectory: existing(path.with_file_name(format!("{stem}.truth.tum"))),
+            relations: existing(path.with_file_name(format!("{stem}.relations"))),
+            ..Self::default()
+        }
+    }
+
+    /// Compares a solution with the truth. What cannot be compared becomes a note.
+    ///
+    /// # Errors
+    /// A file with the truth is damaged.
+    pub(crate) fn errors(
+        &self,
+        solution: &Solution,
+        map: &Raster<Occupancy>,
+        config: &Config,
+        notes: &mut Vec<String>,
+    ) -> Result<Errors, ReadError> {
+        let mut errors = Errors::default();
+        if let Some(path) = &self.trajectory {
+            let truth = read_trajectory(path)?;
+            let options = TrajectoryErrorOptions::default();
+            errors.trajectory = noted(TrajectoryError::new(&solution.trajectory, &truth, &options), notes);
+            errors.odometry = noted(TrajectoryError::new(&solution.odometry, &truth, &options), notes);
+            errors.true_trajectory = truth;
+        }
+        if let Some(path) = &self.relations {
+            let relations = read_relations(path)?;
+            errors.relations = Some(RelationReport::new(&solution.trajectory, &relations));
+            errors.odometry_relations = Some(RelationReport::new(&solution.odometry, &relations));
+        }
+        let true_map = self.map.as_deref().map(read_map).transpose()?;
+        if let Some(truth) = &true_map {
+            errors.map = noted(MapQuality::new(map, truth, &MapQualityOptions::default()), notes);
+        }
+        if let (Some(path), Some(floor)) = (&self.floor, &solution.floor) {
+            let seen = true_map.zip(config.robot.camera.as_ref()).map(|(map, camera)| {
+                let truth = StampIndex::new(&errors.true_trajectory);
+                let pose_at = |&stamp_s: &f64| truth.interpolated(stamp_s, 1e-4, 0.5);
+                let poses: Vec<_> = floor.stamps_s.iter().filter_map(pose_at).collect();
+                camera_footprint(&poses, camera, &map)
+            });
+            let truth = read_floor(path)?;
+            let options = TextureErrorOptions::default();
+            errors.texture = noted(TextureError::new(&floor.map, &truth, seen.as_ref(), &options), notes);
+        }
+        Ok(errors)
+    }
+}
+
+fn noted<T>(result: Result<T, EvaluationError>, notes: &mut Vec<String>) -> Option<T> {
+    result.map_err(|error| notes.push(format!("not compared with the truth: {error}"))).ok()
+}
