@@ -1,12 +1,12 @@
 //! De-skewing: undoing the body's motion while the LiDAR sweeps.
 //!
 //! A ray taken at an offset τ from the scan's stamp is seen from the body as it stands at
-//! τ. With the constant twist (v, ω) of the dead reckoning, that body is `exp(τ·(v, ω))`
-//! away from the body at the stamp; the exponential is expanded to the third order in the
-//! angle and the second in the translation, which leaves well under a millimetre for
-//! sweeps of 0.1 s.
+//! τ. Over one sweep the body's coordinates are a parabola in τ, laid through dead
+//! reckoning at the sweep's beginning, middle and end; that follows a turning and
+//! accelerating body to well under a millimetre over 0.1 s and costs no branch per ray.
 
 use super::dead_reckoning::DeadReckoning;
+use crate::frame::Points;
 use crate::geometry::Pose2;
 
 /// Sweeps that turn the body by less than this are left alone, radians: 1 mm at 30 m.
@@ -14,40 +14,52 @@ const STILL_RAD: f64 = 3e-5;
 /// Sweeps that move the body by less than this are left alone, metres.
 const STILL_M: f64 = 1e-4;
 
-/// The body's motion during a sweep: one twist before the scan's stamp and one after it.
+/// The body's pose during a sweep, `body_at_stamp_from_body`, as a parabola in the sweep's
+/// own time u, which is −1 at its beginning and 1 at its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SweepMotion {
-    /// x and y in m/s, θ in rad/s, in the body's frame at the stamp.
-    before: [f32; 3],
-    after: [f32; 3],
+    middle_s: f32,
+    per_half_sweep: f32,
+    /// Coefficients of 1, u and u² for x and y (metres) and θ (radians).
+    x: [f32; 3],
+    y: [f32; 3],
+    theta: [f32; 3],
 }
 
 impl SweepMotion {
     /// The motion around `stamp_s` for rays between the two offsets (seconds); `None` when it
     /// is too small to matter.
     pub(super) fn new(dead_reckoning: &DeadReckoning, stamp_s: f64, [first_s, last_s]: [f64; 2]) -> Option<Self> {
+        let middle_s = f64::midpoint(first_s, last_s);
         let body = dead_reckoning.pose_at(stamp_s);
-        let toward = |offset_s: f64| -> (Pose2, [f32; 3]) {
-            if offset_s == 0.0 {
-                return (Pose2::IDENTITY, [0.0; 3]);
-            }
-            let motion = body.between(&dead_reckoning.pose_at(stamp_s + offset_s));
-            (motion, motion.log().map(|coordinate| (coordinate / offset_s) as f32))
+        let poses = [first_s, middle_s, last_s].map(|at_s| body.between(&dead_reckoning.pose_at(stamp_s + at_s)));
+        if poses.iter().all(|pose| pose.theta.abs() < STILL_RAD && pose.distance() < STILL_M) {
+            return None;
+        }
+        let parabola = |coordinate: fn(&Pose2) -> f64| {
+            let [first, middle, last] = poses.each_ref().map(coordinate);
+            [middle, (last - first) / 2.0, f64::midpoint(first, last) - middle].map(|coefficient| coefficient as f32)
         };
-        let ((to_first, before), (to_last, after)) = (toward(first_s.min(0.0)), toward(last_s.max(0.0)));
-        let still = |motion: Pose2| motion.theta.abs() < STILL_RAD && motion.distance() < STILL_M;
-        (!still(to_first) || !still(to_last)).then_some(Self { before, after })
+        Some(Self {
+            middle_s: middle_s as f32,
+            per_half_sweep: if last_s > first_s { (2.0 / (last_s - first_s)) as f32 } else { 0.0 },
+            x: parabola(|pose| pose.x),
+            y: parabola(|pose| pose.y),
+            theta: parabola(|pose| pose.theta),
+        })
     }
 
-    /// Where a point seen at `offset_s` lies in the body's frame at the stamp, metres.
-    #[inline]
-    pub(super) fn to_stamp(self, offset_s: f32, x_m: f32, y_m: f32) -> [f32; 2] {
-        let [vx, vy, omega] = if offset_s < 0.0 { self.before } else { self.after };
-        let angle = omega * offset_s;
-        let half = 0.5 * angle;
-        let (sin, cos) = (angle - angle * angle * angle / 6.0, 1.0 - half * angle);
-        let (dx, dy) = (vx * offset_s, vy * offset_s);
-        [dx - half * dy + cos * x_m - sin * y_m, dy + half * dx + sin * x_m + cos * y_m]
+    /// Moves points, each seen at its offset (seconds), to where they lie in the body's frame at the stamp.
+    pub(super) fn to_stamp(self, offsets_s: &[f32], points: &mut Points) {
+        for ((x, y), offset_s) in points.x_m.iter_mut().zip(&mut points.y_m).zip(offsets_s) {
+            let u = (offset_s - self.middle_s) * self.per_half_sweep;
+            let at_u = |[constant, linear, square]: [f32; 3]| constant + u * (linear + u * square);
+            let angle = at_u(self.theta);
+            // Series of sine and cosine: exact to 0.1 mm at 10 m for a sweep that turns by 15°.
+            let square = angle * angle;
+            let (sin, cos) = (angle * (1.0 - square * (1.0 / 6.0)), 1.0 - square * (0.5 - square * (1.0 / 24.0)));
+            (*x, *y) = (at_u(self.x) + cos * *x - sin * *y, at_u(self.y) + sin * *x + cos * *y);
+        }
     }
 }
 
@@ -69,6 +81,14 @@ mod tests {
         assert_eq!(SweepMotion::new(&DeadReckoning::default(), 1.0, [-0.05, 0.05]), None);
     }
 
+    #[test]
+    fn rays_taken_all_at_once_but_not_at_the_stamp_are_moved_together() {
+        let motion = SweepMotion::new(&constant_twist([1.0, 0.0, 0.0]), 1.0, [0.05, 0.05]).unwrap();
+        let mut point = Points { x_m: vec![2.0], y_m: vec![0.5] };
+        motion.to_stamp(&[0.05], &mut point);
+        assert!((point.x_m[0] - 2.05).abs() < 1e-6 && point.y_m[0] == 0.5);
+    }
+
     proptest! {
         #[test]
         fn a_static_point_is_recovered_under_a_constant_twist(
@@ -80,9 +100,10 @@ mod tests {
             let truth = [x, y];
             let at_stamp = path.pose_at(1.0).inverse().transform_point(truth);
             let seen = path.pose_at(1.0 + offset_s).inverse().transform_point(truth);
-            let [dx, dy] = motion.to_stamp(offset_s as f32, seen[0] as f32, seen[1] as f32);
-            prop_assert!((f64::from(dx) - at_stamp[0]).abs() < 2e-3, "{dx} {at_stamp:?}");
-            prop_assert!((f64::from(dy) - at_stamp[1]).abs() < 2e-3, "{dy} {at_stamp:?}");
+            let mut point = Points { x_m: vec![seen[0] as f32], y_m: vec![seen[1] as f32] };
+            motion.to_stamp(&[offset_s as f32], &mut point);
+            prop_assert!((f64::from(point.x_m[0]) - at_stamp[0]).abs() < 2e-3, "{point:?} {at_stamp:?}");
+            prop_assert!((f64::from(point.y_m[0]) - at_stamp[1]).abs() < 2e-3, "{point:?} {at_stamp:?}");
         }
     }
 }

@@ -33,6 +33,8 @@ pub(super) struct ScanProjection {
     clear_m: f32,
     /// When each ray is taken relative to the stamp, seconds; empty when that is unknown.
     offset_s: Vec<f32>,
+    /// The first and the last of these.
+    sweep_s: Option<[f64; 2]>,
 }
 
 impl ScanProjection {
@@ -41,6 +43,9 @@ impl ScanProjection {
         let body_from_lidar = lidar.mount.body_from_sensor();
         let height_m = lidar.mount.z_m;
         let farthest_m = config.range_max_m.min(f64::from(geometry.range_max_m));
+        let offset_s = if config.deskew { ray_offsets_s(geometry, lidar) } else { Vec::new() };
+        let first_s = offset_s.iter().copied().reduce(f32::min);
+        let last_s = offset_s.iter().copied().reduce(f32::max);
         let mut projection = Self {
             geometry: Arc::clone(geometry),
             origin_m: [lidar.mount.x_m as f32, lidar.mount.y_m as f32],
@@ -52,7 +57,8 @@ impl ScanProjection {
                 NoReturn::Ignore => 0.0,
                 NoReturn::Clear => config.no_return_clear_m as f32,
             },
-            offset_s: if config.deskew { ray_offsets_s(geometry, lidar) } else { Vec::new() },
+            sweep_s: first_s.zip(last_s).map(|(first_s, last_s)| [f64::from(first_s), f64::from(last_s)]),
+            offset_s,
         };
         for angle_rad in &geometry.angles_rad {
             let (sin, cos) = angle_rad.sin_cos();
@@ -89,69 +95,62 @@ impl ScanProjection {
     /// Offsets from the stamp of the first and the last ray, seconds; `None` when the rays'
     /// times are unknown or are not to be used.
     pub(super) fn sweep_s(&self) -> Option<[f64; 2]> {
-        let first_s = self.offset_s.iter().copied().reduce(f32::min)?;
-        let last_s = self.offset_s.iter().copied().reduce(f32::max)?;
-        Some([f64::from(first_s), f64::from(last_s)])
+        self.sweep_s
     }
 
     /// The scan's points in the body's frame at its stamp.
     pub(super) fn project(&self, scan: &Scan, motion: Option<SweepMotion>) -> BodyScan {
-        let motion = motion.filter(|_| !self.offset_s.is_empty());
-        BodyScan {
-            origin_m: self.origin_m.map(f64::from),
-            hits: self.hits(scan, motion),
-            free_ends: if self.clear_m > 0.0 { self.free_ends(scan, motion) } else { Points::default() },
-        }
+        let nearest_m = self.nearest_m;
+        let hits = self.endpoints(&scan.ranges_m, |range_m, reach_m| range_m >= nearest_m && range_m < reach_m, motion);
+        let free_ends = if self.clear_m > 0.0 {
+            self.endpoints(&self.free_lengths_m(scan), |free_m, _| free_m > 0.0, motion)
+        } else {
+            Points::default()
+        };
+        BodyScan { origin_m: self.origin_m.map(f64::from), hits, free_ends }
     }
 
-    fn hits(&self, scan: &Scan, motion: Option<SweepMotion>) -> Points {
-        let mut points = Points { x_m: vec![0.0; self.geometry.len()], y_m: vec![0.0; self.geometry.len()] };
+    /// Where the rays end at these lengths (metres), for rays whose length and reach are wanted.
+    fn endpoints(&self, lengths_m: &[f32], wanted: impl Fn(f32, f32) -> bool, motion: Option<SweepMotion>) -> Points {
+        let along = |origin_m: f32, direction: &[f32]| -> Vec<f32> {
+            lengths_m.iter().zip(direction).map(|(length_m, direction)| origin_m + length_m * direction).collect()
+        };
+        let [origin_x, origin_y] = self.origin_m;
+        let mut points = Points { x_m: along(origin_x, &self.direction_x), y_m: along(origin_y, &self.direction_y) };
+        if let Some(motion) = motion {
+            motion.to_stamp(&self.offset_s, &mut points);
+        }
         let mut count = 0;
-        for (ray, (&range_m, &reach_m)) in scan.ranges_m.iter().zip(&self.reach_m).enumerate() {
-            // Every ray is written, and overwritten by the next unless it counts: no branch to mispredict.
-            let [x, y] = self.point(ray, range_m, motion);
-            (points.x_m[count], points.y_m[count]) = (x, y);
-            count += usize::from(range_m >= self.nearest_m && range_m < reach_m);
+        for (ray, (&length_m, &reach_m)) in lengths_m.iter().zip(&self.reach_m).enumerate() {
+            if wanted(length_m, reach_m) {
+                points.x_m[count] = points.x_m[ray];
+                points.y_m[count] = points.y_m[ray];
+                count += 1;
+            }
         }
         points.x_m.truncate(count);
         points.y_m.truncate(count);
         points
     }
 
-    fn free_ends(&self, scan: &Scan, motion: Option<SweepMotion>) -> Points {
-        let mut points = Points::default();
-        for (ray, (&range_m, &reach_m)) in scan.ranges_m.iter().zip(&self.reach_m).enumerate() {
-            let free_m = match self.geometry.classify(range_m) {
-                Ray::NoReturn => self.clear_m.min(reach_m),
-                Ray::Hit(range_m) if range_m >= reach_m => self.clear_m.min(reach_m),
-                Ray::Hit(_) | Ray::Invalid => continue,
-            };
-            if free_m > 0.0 {
-                let [x, y] = self.point(ray, free_m, motion);
-                points.push(x, y);
-            }
-        }
-        points
-    }
-
-    #[inline]
-    fn point(&self, ray: usize, range_m: f32, motion: Option<SweepMotion>) -> [f32; 2] {
-        let x = self.origin_m[0] + range_m * self.direction_x[ray];
-        let y = self.origin_m[1] + range_m * self.direction_y[ray];
-        match motion {
-            Some(motion) => motion.to_stamp(self.offset_s[ray], x, y),
-            None => [x, y],
-        }
+    /// Up to where each ray is free because nothing came back from within its reach, metres; 0 elsewhere.
+    fn free_lengths_m(&self, scan: &Scan) -> Vec<f32> {
+        let free_m = |(&range_m, &reach_m): (&f32, &f32)| match self.geometry.classify(range_m) {
+            Ray::NoReturn => self.clear_m.min(reach_m),
+            Ray::Hit(range_m) if range_m >= reach_m => self.clear_m.min(reach_m),
+            Ray::Hit(_) | Ray::Invalid => 0.0,
+        };
+        scan.ranges_m.iter().zip(&self.reach_m).map(free_m).collect()
     }
 }
 
 /// When each ray is taken relative to the stamp, seconds: the geometry's own times, else the
 /// calibration's sweep spread evenly over the rays; empty when neither is known.
 fn ray_offsets_s(geometry: &ScanGeometry, lidar: &LidarConfig) -> Vec<f32> {
-    if geometry.time_offsets_s.len() == geometry.len()
-        && geometry.time_offsets_s.iter().any(|&offset_s| offset_s != 0.0)
-    {
-        return geometry.time_offsets_s.clone();
+    let stated = &geometry.time_offsets_s;
+    let known = stated.iter().all(|offset_s| offset_s.is_finite()) && stated.iter().any(|&offset_s| offset_s != 0.0);
+    if known && stated.len() == geometry.len() {
+        return stated.clone();
     }
     if lidar.sweep_duration_s <= 0.0 || geometry.len() < 2 {
         return Vec::new();

@@ -251,9 +251,7 @@ impl<'a> Frames<'a> {
             previous = Some((scan.stamp_s, pose, known));
         }
         if unknown > 0 && self.summary.source != OdometrySource::ScanMatching {
-            self.summary
-                .notes
-                .push(format!("{unknown} scans lie outside the odometry's span: their motion is unknown"));
+            self.summary.notes.push(format!("scans outside the odometry's span, whose motion is unknown: {unknown}"));
         }
     }
 }
@@ -416,7 +414,7 @@ mod tests {
         let frames = frames(&records, &config());
         let known: Vec<_> = frames.iter().map(|frame| frame.motion.is_some()).collect();
         assert_eq!(known, [false, false, true, false]);
-        assert!(frames.summary().notes.iter().any(|note| note.contains("2 scans lie outside")));
+        assert!(frames.summary().notes.iter().any(|note| note.ends_with("is unknown: 2")));
     }
 
     #[test]
