@@ -8,6 +8,7 @@ use floorprint::geometry::wrap_angle;
 use floorprint::odometry::{DeadReckoning, Frames, GyroBias, OdometrySource};
 use floorprint::sensors::{Record, Scan, ScanGeometry};
 use floorprint_io::{DataSet, OpenOptions, open, read_trajectory};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -118,6 +119,33 @@ fn every_correction_brings_dead_reckoning_nearer_to_the_truth() {
     let drift = error_m(OdometrySource::WheelsAndGyro, true, GyroBias::StandstillWithDrift);
     let wheels = error_m(OdometrySource::Wheels, true, GyroBias::StandstillWithDrift);
     assert!(repaired <= 1.01 * raw && one_bias < 0.9 * repaired && drift <= 1.01 * one_bias && drift < wheels);
+}
+
+#[test]
+fn de_skewing_sharpens_the_walls_seen_in_a_turn() {
+    let Some(data) = data() else { return };
+    let folder = data.join("ece276a/semi20");
+    let drive = open(&folder, &OpenOptions::default()).unwrap();
+    let truth = read_trajectory(&folder.join("truth.tum")).unwrap();
+    let turning = |index: usize| index > 0 && truth[index - 1].pose.between(&truth[index].pose).theta.abs() > 0.012;
+    let occupied_cells = |deskew| {
+        let mut config = config(&drive);
+        config.scan.deskew = deskew;
+        config.scan.range_max_m = 10.0;
+        let frames = Frames::new(&drive.records, &config).unwrap();
+        let cells: BTreeSet<_> = (0..frames.len())
+            .filter(|&index| turning(index))
+            .filter_map(|index| Some((truth[index].pose, frames.frame(index)?.scan.hits)))
+            .flat_map(|(pose, hits)| {
+                hits.iter().map(|hit| pose.transform_point(hit.map(f64::from))).collect::<Vec<_>>()
+            })
+            .map(|point| point.map(|coordinate_m| (coordinate_m / 0.02).floor() as i32))
+            .collect();
+        cells.len()
+    };
+    let (skewed, deskewed) = (occupied_cells(false), occupied_cells(true));
+    println!("cells of 2 cm in which walls are seen in turns: {skewed}, de-skewed {deskewed}");
+    assert!(10 * deskewed < 9 * skewed, "{skewed} {deskewed}");
 }
 
 #[test]

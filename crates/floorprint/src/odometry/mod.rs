@@ -1,4 +1,8 @@
 //! From encoders, gyro and raw scans to frames.
+//!
+//! [`DeadReckoning`] is made once, over the whole drive, as a function of time; [`Frames`]
+//! reads it at the scans' stamps, and [`Trajectory`] carries estimated poses along it to any
+//! other time, such as an image's.
 
 mod config;
 mod dead_reckoning;

@@ -167,7 +167,7 @@ impl<'a> Frames<'a> {
         &self.summary
     }
 
-    /// Walks through the scans, drops what is unusable and places the rest on the odometry.
+    /// Walks through the scans, drops what is unusable and keeps one in `scan.every` of the rest.
     fn choose_scans(&mut self) {
         let mut previous: Option<&Scan> = None;
         let mut usable = 0;
@@ -304,7 +304,7 @@ fn validate(config: &Config) -> Result<(), OdometryError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensors::{EncoderReading, ImuReading, ScanGeometry, WheelConfig};
+    use crate::sensors::{EncoderReading, ImuReading, ScanGeometry, StampAt, WheelConfig};
     use proptest::prelude::*;
     use std::sync::Arc;
 
@@ -437,6 +437,27 @@ mod tests {
         config.scan.every = 0;
         let message = Frames::new(&[scan(0.0)], &config).err().map(|error| error.to_string());
         assert_eq!(message.as_deref(), Some("scan.every = 0: expected 1 or more"));
+    }
+
+    #[test]
+    fn points_of_a_sweep_are_put_where_they_stood() {
+        let mut config = config();
+        config.robot.lidar.mount.x_m = 0.2;
+        config.robot.lidar.sweep_duration_s = 0.08;
+        config.robot.lidar.stamp_at = StampAt::Start;
+        let mut records: Vec<Record> = (0..100).map(|k| ticks(f64::from(k) * 0.02, 4.0, 9.0)).collect();
+        records.push(scan(1.0));
+        let frames = frames(&records, &config);
+        let frame = frames.frame(0).unwrap();
+        let Some(Record::Scan(scan)) = records.last() else { panic!("the last record is a scan") };
+        for (ray, point) in frame.scan.hits.iter().enumerate() {
+            let (sin, cos) = scan.geometry.angles_rad[ray].sin_cos();
+            let range_m = f64::from(scan.ranges_m[ray]);
+            let body = frames.dead_reckoning().pose_at(1.0 + 0.04 * ray as f64);
+            let truth = body.transform_point([0.2 + range_m * cos, range_m * sin]);
+            assert!((f64::from(point[0]) - truth[0]).hypot(f64::from(point[1]) - truth[1]) < 1e-4, "{ray}");
+        }
+        assert!(frames.dead_reckoning().motion(1.0, 1.08).theta > 0.05, "the test needs a turning body");
     }
 
     fn drive() -> impl Strategy<Value = Vec<Record>> {
