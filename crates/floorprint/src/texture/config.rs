@@ -34,6 +34,8 @@ pub struct TextureConfig {
     /// A disparity and a colour image form a pair when their stamps differ by at most this, seconds.
     #[schemars(range(min = 0.0))]
     pub pairing_gap_max_s: f64,
+    /// Whether brightness and tint of the images are balanced where they show the same floor.
+    pub exposure_compensation: bool,
 }
 
 impl Default for TextureConfig {
@@ -48,6 +50,7 @@ impl Default for TextureConfig {
             height_error_max_m: 0.06,
             tilt_smoothing_s: 5.0,
             pairing_gap_max_s: 0.1,
+            exposure_compensation: true,
         }
     }
 }

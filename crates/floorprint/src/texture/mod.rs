@@ -3,6 +3,7 @@
 mod camera;
 mod camera_error;
 mod config;
+mod exposure;
 mod floor_mapper;
 mod floor_patch;
 mod floor_plane;

@@ -6,6 +6,7 @@
 
 use super::camera::plane_motion;
 use super::config::Blend;
+use super::exposure::balancing_factors;
 use super::floor_mapper::FloorMapper;
 use super::floor_patch::FloorPatch;
 use super::floor_plane::{FloorTilt, smoothed_tilts};
@@ -21,12 +22,31 @@ const TILE: usize = 64;
 pub type TextureMap = Raster<Option<[u8; 3]>>;
 
 /// A patch at its place in the world.
-struct PlacedPatch<'a> {
+pub(super) struct PlacedPatch<'a> {
     patch: &'a FloorPatch,
-    /// Homogeneous pixels from (x, y, 1) in the world, metres.
+    /// Homogeneous pixels from (x, y, 1) in the world, metres; the third is the depth, metres.
     pixel_from_world: Matrix3<f64>,
+    world_from_pixel: Matrix3<f64>,
     /// Least and greatest x and y, metres in the world.
-    bounds_m: [[f64; 2]; 2],
+    pub bounds_m: [[f64; 2]; 2],
+}
+
+impl PlacedPatch<'_> {
+    /// Calls `visit` with the place in the world (metres), the colour and the depth (metres) of each pixel that shows floor.
+    pub(super) fn for_each_pixel(&self, mut visit: impl FnMut([f64; 2], [f32; 3], f32)) {
+        let layout = &self.patch.layout;
+        for y in 0..layout.height {
+            for x in 0..layout.width {
+                let [r, g, b, seen] = self.patch.pixels[y * layout.width + x];
+                if seen > 0 {
+                    let (column, row) = layout.image_from_patch(x, y);
+                    let place = self.world_from_pixel * Vector3::new(column, row, 1.0);
+                    let color = [r, g, b].map(f32::from);
+                    visit([place.x / place.z, place.y / place.z], color, (1.0 / place.z) as f32);
+                }
+            }
+        }
+    }
 }
 
 impl FloorMapper {
@@ -43,11 +63,13 @@ impl FloorMapper {
             .filter(|(_, pose)| pose.is_finite())
             .map(|((patch, tilt), pose)| self.place(patch, tilt, pose))
             .collect();
+        let factors =
+            if self.config.exposure_compensation { balancing_factors(&placed) } else { vec![[1.0; 3]; placed.len()] };
         let mut map = self.empty_map(&placed);
         let (columns, rows) = (map.width / TILE, map.height / TILE);
         let tiles: Vec<Vec<Option<[u8; 3]>>> = (0..columns * rows)
             .into_par_iter()
-            .map(|tile| self.paint_tile(tile_corner_m(&map, tile % columns, tile / columns), &placed))
+            .map(|tile| self.paint_tile(tile_corner_m(&map, tile % columns, tile / columns), &placed, &factors))
             .collect();
         for (tile, colors) in tiles.iter().enumerate() {
             for (index, colors) in colors.chunks_exact(TILE).enumerate() {
@@ -70,7 +92,9 @@ impl FloorMapper {
                 bounds_m[1][axis] = bounds_m[1][axis].max(value + self.config.resolution_m);
             }
         }
-        PlacedPatch { patch, pixel_from_world: camera.color.pixel_from_floor() * body_from_world, bounds_m }
+        let pixel_from_world = camera.color.pixel_from_floor() * body_from_world;
+        let world_from_pixel = pixel_from_world.try_inverse().unwrap_or_default();
+        PlacedPatch { patch, pixel_from_world, world_from_pixel, bounds_m }
     }
 
     /// A map of whole tiles that holds all patches; cell borders lie on multiples of the resolution.
@@ -88,18 +112,23 @@ impl FloorMapper {
     }
 
     /// The colours of a tile whose upper left corner is given, row by row from the top.
-    fn paint_tile(&self, [left_m, top_m]: [f64; 2], placed: &[PlacedPatch<'_>]) -> Vec<Option<[u8; 3]>> {
+    fn paint_tile(
+        &self,
+        [left_m, top_m]: [f64; 2],
+        placed: &[PlacedPatch<'_>],
+        factors: &[[f32; 3]],
+    ) -> Vec<Option<[u8; 3]>> {
         let resolution_m = self.config.resolution_m;
         let side_m = TILE as f64 * resolution_m;
         let corner_m = [left_m, top_m - side_m];
-        let overlapping = placed.iter().filter(|p| {
+        let overlapping = placed.iter().zip(factors).filter(|(p, _)| {
             (0..2).all(|axis| p.bounds_m[0][axis] < corner_m[axis] + side_m && p.bounds_m[1][axis] > corner_m[axis])
         });
         let camera = &self.camera;
         let cell_area = resolution_m * resolution_m;
         let area_scale = 1.0 / (camera.color.focal_px[0] * camera.color.focal_px[1] * camera.height_m() * cell_area);
         let mut views: Vec<View> = Vec::new();
-        for p in overlapping {
+        for (p, factors) in overlapping {
             let step = p.pixel_from_world.column(0) * resolution_m;
             for row in 0..TILE {
                 let x_m = left_m + 0.5 * resolution_m;
@@ -112,6 +141,7 @@ impl FloorMapper {
                     {
                         let relative_area = pixel.z * pixel.z * pixel.z * area_scale;
                         let weight = (1.0 + relative_area).powf(-self.config.sharpness) as f32;
+                        let rgb = [0, 1, 2].map(|c| rgb[c] * factors[c]);
                         views.push(View { cell: (row * TILE + column) as u16, weight, rgb });
                     }
                     pixel += step;
