@@ -12,8 +12,8 @@ pub struct TextureConfig {
     pub resolution_m: f64,
     /// How several images of one cell become one colour.
     pub blend: Blend,
-    /// How much sharper views are preferred: a view's weight falls with this power of the
-    /// area that one of its pixels covers on the floor. 0 weighs all views alike.
+    /// How much sharper views are preferred: the weight of a view is (1 + (l/r)²) to minus this
+    /// power, l the length that its pixel covers on the floor, r the side of a cell. 0 weighs all alike.
     #[schemars(range(min = 0.0, max = 20.0))]
     pub sharpness: f64,
     /// Floor farther from the camera than this is not painted, metres along the optical axis.
@@ -43,9 +43,9 @@ impl Default for TextureConfig {
         Self {
             resolution_m: 0.02,
             blend: Blend::Mean,
-            sharpness: 3.0,
+            sharpness: 4.0,
             distance_max_m: 4.0,
-            plane_tolerance_m: 0.015,
+            plane_tolerance_m: 0.008,
             tilt_max_rad: 0.07,
             height_error_max_m: 0.06,
             tilt_smoothing_s: 5.0,

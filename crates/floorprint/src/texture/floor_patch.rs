@@ -31,8 +31,8 @@ impl FloorPatch {
 
     /// Colour at a pixel of the full image, between the patch's pixels by bilinear weights;
     /// nothing where less than half of these weights falls on floor.
-    pub(super) fn sample(&self, column: f64, row: f64) -> Option<[f32; 3]> {
-        let (x, y) = self.layout.patch_from_image(column as f32, row as f32)?;
+    pub(super) fn sample(&self, column: f32, row: f32) -> Option<[f32; 3]> {
+        let (x, y) = self.layout.patch_from_image(column, row)?;
         let (x, y) = (x.clamp(0.0, (self.layout.width - 1) as f32), y.clamp(0.0, (self.layout.height - 1) as f32));
         let (left, top) = ((x as usize).min(self.layout.width - 2), (y as usize).min(self.layout.height - 2));
         let (fx, fy) = (x - left as f32, y - top as f32);

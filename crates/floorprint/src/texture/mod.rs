@@ -1,5 +1,6 @@
 //! The colour map of the floor (report §III.B, eqs. 23–29).
 
+mod blend;
 mod camera;
 mod camera_error;
 mod config;
@@ -9,6 +10,7 @@ mod floor_patch;
 mod floor_plane;
 mod painter;
 mod pairing;
+mod summary;
 
 pub use camera_error::CameraError;
 pub use config::{Blend, TextureConfig};
@@ -17,3 +19,4 @@ pub use floor_patch::FloorPatch;
 pub use floor_plane::FloorTilt;
 pub use painter::TextureMap;
 pub use pairing::{ImagePair, ImagePairing, pair_by_time};
+pub use summary::TextureSummary;

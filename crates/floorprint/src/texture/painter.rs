@@ -4,8 +4,9 @@
 //! away and no pile-ups close by. The map is painted in tiles, each by itself and with
 //! its patches in order, so that the result does not depend on threads.
 
+use super::blend::Canvas;
 use super::camera::plane_motion;
-use super::config::Blend;
+use super::config::TextureConfig;
 use super::exposure::balancing_factors;
 use super::floor_mapper::FloorMapper;
 use super::floor_patch::FloorPatch;
@@ -17,6 +18,8 @@ use rayon::prelude::*;
 
 /// Cells along the side of a tile.
 const TILE: usize = 64;
+/// Steps of depth in which the weight of a view is tabulated.
+const SHARPNESS_STEPS: usize = 512;
 
 /// Colours of the floor; `None` where no image saw it.
 pub type TextureMap = Raster<Option<[u8; 3]>>;
@@ -65,11 +68,14 @@ impl FloorMapper {
             .collect();
         let factors =
             if self.config.exposure_compensation { balancing_factors(&placed) } else { vec![[1.0; 3]; placed.len()] };
+        let sharpness = Sharpness::new(self);
         let mut map = self.empty_map(&placed);
         let (columns, rows) = (map.width / TILE, map.height / TILE);
         let tiles: Vec<Vec<Option<[u8; 3]>>> = (0..columns * rows)
             .into_par_iter()
-            .map(|tile| self.paint_tile(tile_corner_m(&map, tile % columns, tile / columns), &placed, &factors))
+            .map(|tile| {
+                self.paint_tile(tile_corner_m(&map, tile % columns, tile / columns), &placed, &factors, &sharpness)
+            })
             .collect();
         for (tile, colors) in tiles.iter().enumerate() {
             for (index, colors) in colors.chunks_exact(TILE).enumerate() {
@@ -117,6 +123,7 @@ impl FloorMapper {
         [left_m, top_m]: [f64; 2],
         placed: &[PlacedPatch<'_>],
         factors: &[[f32; 3]],
+        sharpness: &Sharpness,
     ) -> Vec<Option<[u8; 3]>> {
         let resolution_m = self.config.resolution_m;
         let side_m = TILE as f64 * resolution_m;
@@ -124,10 +131,7 @@ impl FloorMapper {
         let overlapping = placed.iter().zip(factors).filter(|(p, _)| {
             (0..2).all(|axis| p.bounds_m[0][axis] < corner_m[axis] + side_m && p.bounds_m[1][axis] > corner_m[axis])
         });
-        let camera = &self.camera;
-        let cell_area = resolution_m * resolution_m;
-        let area_scale = 1.0 / (camera.color.focal_px[0] * camera.color.focal_px[1] * camera.height_m() * cell_area);
-        let mut views: Vec<View> = Vec::new();
+        let mut canvas = Canvas::new(self.config.blend, TILE * TILE);
         for (p, factors) in overlapping {
             let step = p.pixel_from_world.column(0) * resolution_m;
             for row in 0..TILE {
@@ -135,20 +139,45 @@ impl FloorMapper {
                 let y_m = top_m - (row as f64 + 0.5) * resolution_m;
                 let mut pixel = p.pixel_from_world * Vector3::new(x_m, y_m, 1.0);
                 for column in 0..TILE {
-                    if pixel.z > 0.0
-                        && pixel.z <= self.config.distance_max_m
-                        && let Some(rgb) = p.patch.sample(pixel.x / pixel.z, pixel.y / pixel.z)
+                    let inverse = 1.0 / pixel.z;
+                    if let Some(weight) = sharpness.weight(pixel.z)
+                        && let Some(rgb) = p.patch.sample((pixel.x * inverse) as f32, (pixel.y * inverse) as f32)
                     {
-                        let relative_area = pixel.z * pixel.z * pixel.z * area_scale;
-                        let weight = (1.0 + relative_area).powf(-self.config.sharpness) as f32;
-                        let rgb = [0, 1, 2].map(|c| rgb[c] * factors[c]);
-                        views.push(View { cell: (row * TILE + column) as u16, weight, rgb });
+                        canvas.add(row * TILE + column, weight, [0, 1, 2].map(|c| rgb[c] * factors[c]));
                     }
                     pixel += step;
                 }
             }
         }
-        blend(self.config.blend, views)
+        canvas.colors(TILE * TILE)
+    }
+}
+
+/// Weights of views by their depth, worked out once.
+struct Sharpness {
+    depth_max_m: f64,
+    weights: Vec<f32>,
+}
+
+impl Sharpness {
+    /// A pixel at depth z is z²/(f·h) long on the floor; beyond the side of a cell its weight falls.
+    fn new(mapper: &FloorMapper) -> Self {
+        let TextureConfig { resolution_m, sharpness, distance_max_m, .. } = mapper.config;
+        let camera = &mapper.camera;
+        let weights = (0..SHARPNESS_STEPS)
+            .map(|step| {
+                let depth_m = distance_max_m * (step as f64 + 0.5) / SHARPNESS_STEPS as f64;
+                let length_m = depth_m * depth_m / (camera.color.focal_px[1] * camera.height_m());
+                (1.0 + (length_m / resolution_m).powi(2)).powf(-sharpness).max(1e-30) as f32
+            })
+            .collect();
+        Self { depth_max_m: distance_max_m, weights }
+    }
+
+    /// Nothing when the depth is not one that is painted.
+    fn weight(&self, depth_m: f64) -> Option<f32> {
+        let index = (depth_m / self.depth_max_m * SHARPNESS_STEPS as f64) as usize;
+        if depth_m > 0.0 { self.weights.get(index).copied() } else { None }
     }
 }
 
@@ -175,47 +204,4 @@ fn cropped(map: &TextureMap) -> TextureMap {
     let row_start = |row: usize| (rows[0] + row) * map.width + columns[0];
     let cells = (0..height).flat_map(|row| &map.cells[row_start(row)..row_start(row) + width]).copied().collect();
     Raster { width, height, resolution_m: map.resolution_m, origin_m, cells }
-}
-
-/// What one patch says about one cell of a tile.
-#[derive(Debug, Clone, Copy)]
-struct View {
-    cell: u16,
-    weight: f32,
-    rgb: [f32; 3],
-}
-
-/// One colour for each cell of a tile; `views` are in the order of the patches.
-fn blend(mode: Blend, mut views: Vec<View>) -> Vec<Option<[u8; 3]>> {
-    let mut cells = vec![None; TILE * TILE];
-    views.sort_by_key(|view| view.cell);
-    for views in views.chunk_by_mut(|a, b| a.cell == b.cell) {
-        let weight: f32 = views.iter().map(|view| view.weight).sum();
-        let rgb = match mode {
-            Blend::Mean => [0, 1, 2].map(|c| views.iter().map(|view| view.weight * view.rgb[c]).sum::<f32>() / weight),
-            Blend::Median => [0, 1, 2].map(|c| weighted_median(views, c, weight)),
-            Blend::Newest => newest(views),
-        };
-        cells[usize::from(views[0].cell)] = Some(rgb.map(|value| value.round().clamp(0.0, 255.0) as u8));
-    }
-    cells
-}
-
-/// The value of a channel with half of the weight on either side.
-fn weighted_median(views: &mut [View], channel: usize, total: f32) -> f32 {
-    views.sort_by(|a, b| a.rgb[channel].total_cmp(&b.rgb[channel]));
-    let mut below = 0.0;
-    for view in views.iter() {
-        below += view.weight;
-        if below >= total / 2.0 {
-            return view.rgb[channel];
-        }
-    }
-    views[views.len() - 1].rgb[channel]
-}
-
-/// The colour of the last view that is at least half as sharp as the sharpest.
-fn newest(views: &[View]) -> [f32; 3] {
-    let sharpest = views.iter().map(|view| view.weight).fold(0.0, f32::max);
-    views.iter().rev().find(|view| view.weight >= sharpest / 2.0).map_or([0.0; 3], |view| view.rgb)
 }
