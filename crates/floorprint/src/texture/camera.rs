@@ -151,3 +151,40 @@ pub(super) fn plane_motion(a_from_b: &Pose2) -> Matrix3<f64> {
     let (sin, cos) = a_from_b.theta.sin_cos();
     Matrix3::new(cos, -sin, a_from_b.x, sin, cos, a_from_b.y, 0.0, 0.0, 1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Mount;
+
+    #[test]
+    fn the_colour_pinhole_is_the_reports_map_between_the_images() {
+        let config = CameraConfig {
+            mount: Mount { x_m: 0.18, y_m: 0.005, z_m: 0.487, pitch_rad: 0.36, yaw_rad: 0.021, roll_rad: 0.0 },
+            depth_focal_px: 585.051,
+            depth_center_column_px: 315.838,
+            depth_center_row_px: 242.941,
+            disparity_scale: -0.00304,
+            disparity_offset: 3.31,
+            depth_numerator_m: 1.03,
+            color_focal: 526.37,
+            color_baseline: -4.5 * 1750.46,
+            color_column_offset: 19276.0,
+            color_row_offset: 16662.0,
+            color_divisor: 585.051,
+            depth_min_m: 0.5,
+            depth_max_m: 4.0,
+        };
+        let camera = RgbdCamera::new(&config, 4.0);
+        let (linear, offset) = camera.color.pixel_from_body();
+        for (u, v, disparity) in [(10.0, 400.0, 600), (320.0, 240.0, 1000), (630.0, 20.0, 850)] {
+            let dd = camera.disparity_term(disparity).unwrap();
+            let depth_m = 1.03 / dd;
+            let optical = Vector3::new((u - 315.838) / 585.051, (v - 242.941) / 585.051, 1.0) * depth_m;
+            let pixel = linear * camera.depth.body_from_optical.transform_point(optical) + offset;
+            let column = (526.37 * u - 4.5 * 1750.46 * dd + 19276.0) / 585.051;
+            let row = (526.37 * v + 16662.0) / 585.051;
+            assert!((pixel.x / pixel.z - column).abs() < 1e-9 && (pixel.y / pixel.z - row).abs() < 1e-9);
+        }
+    }
+}

@@ -59,6 +59,7 @@ fn observe(image: u32, patch: &PlacedPatch<'_>) -> Vec<Observation> {
     let [width, height] = [0, 1].map(|axis| (cell(patch.bounds_m[1][axis]) - least[axis] + 1).max(0) as usize);
     let mut sums = vec![[0.0_f32; 5]; width * height];
     patch.for_each_pixel(|[x_m, y_m], rgb, depth_m| {
+        // Far pixels mix the colours of neighbouring cells: their area on the floor grows with the cube of the depth.
         let weight = 1.0 / (1.0 + depth_m * depth_m * depth_m);
         let (column, row) = (cell(x_m) - least[0], cell(y_m) - least[1]);
         if (0..width as i32).contains(&column) && (0..height as i32).contains(&row) {

@@ -209,7 +209,7 @@ struct DepthBlocks {
 
 const FLOOR: u8 = 1;
 const OBSTACLE: u8 = 2;
-/// Disparities scatter by about this many units; the tolerance of the plane never falls below.
+/// Disparities of the floor scatter by about this many units beyond its own unevenness.
 const DISPARITY_NOISE: f64 = 1.5;
 
 impl DepthBlocks {
