@@ -267,12 +267,59 @@ impl FrontColumns<'_> {
     }
 }
 
-/// Factorises the `width` columns of a front and takes their products off its update.
+/// Factorises the `width` columns of a front and takes their products off its update;
+/// `None` when a pivot is not positive.
 fn factorize_front(panel: &mut [f64], update: &mut [f64], height: usize, width: usize) -> Option<()> {
-    for column in 0..width {
-        let (done, rest) = panel.split_at_mut(column * height);
-        let target = &mut rest[column..height];
-        subtract_products(target, done, height, column);
+    for row in (0..width).step_by(3) {
+        let (done, rest) = panel.split_at_mut(row * height);
+        let mut target = three_columns(rest, height, row);
+        subtract_products(&mut target, done, height, row);
+        factorize_block_column(target)?;
+    }
+    let below = height - width;
+    for row in (0..below).step_by(3) {
+        let mut target = three_columns(&mut update[row * below..], below, row);
+        subtract_products(&mut target, panel, height, width + row);
+    }
+    Some(())
+}
+
+/// The first three columns of a part of a matrix, from a row on.
+fn three_columns(columns: &mut [f64], height: usize, row: usize) -> [&mut [f64]; 3] {
+    let (first, rest) = columns.split_at_mut(height);
+    let (second, rest) = rest.split_at_mut(height);
+    [&mut first[row..], &mut second[row..], &mut rest[row..height]]
+}
+
+/// `target` −= the products of the panel's columns with the blocks that they have in its
+/// first rows, which are those from `row` on. By blocks, so that every number loaded is used three times.
+fn subtract_products(target: &mut [&mut [f64]; 3], panel: &[f64], height: usize, row: usize) {
+    let [x, y, z] = target;
+    let length = x.len();
+    let (y, z) = (&mut y[..length], &mut z[..length]);
+    for block_column in panel.chunks_exact(3 * height) {
+        let column = |i: usize| &block_column[i * height + row..][..length];
+        let (a, b, c) = (column(0), column(1), column(2));
+        let [by_x, by_y, by_z] = [0, 1, 2].map(|i| [a[i], b[i], c[i]]);
+        for i in 0..length {
+            x[i] -= by_x[0] * a[i] + by_x[1] * b[i] + by_x[2] * c[i];
+            y[i] -= by_y[0] * a[i] + by_y[1] * b[i] + by_y[2] * c[i];
+            z[i] -= by_z[0] * a[i] + by_z[1] * b[i] + by_z[2] * c[i];
+        }
+    }
+}
+
+/// Cholesky factorisation of a block and of the columns below it.
+fn factorize_block_column(mut columns: [&mut [f64]; 3]) -> Option<()> {
+    for current in 0..3 {
+        let (done, rest) = columns.split_at_mut(current);
+        let target = &mut rest[0][current..];
+        for column in done {
+            let factor = column[current];
+            for (t, value) in target.iter_mut().zip(&column[current..]) {
+                *t -= factor * value;
+            }
+        }
         let pivot = target[0];
         if !(pivot > 0.0 && pivot.is_finite()) {
             return None;
@@ -280,33 +327,7 @@ fn factorize_front(panel: &mut [f64], update: &mut [f64], height: usize, width: 
         let scale = 1.0 / pivot.sqrt();
         target.iter_mut().for_each(|value| *value *= scale);
     }
-    let below = height - width;
-    for column in 0..below {
-        subtract_products(&mut update[column * below + column..(column + 1) * below], panel, height, width + column);
-    }
     Some(())
-}
-
-/// `target` −= Σ over the columns of `panel` of the column times its value in `row`;
-/// `target` begins at that row. Four columns at a time, so that it is read and written less.
-fn subtract_products(target: &mut [f64], panel: &[f64], height: usize, row: usize) {
-    let length = target.len();
-    let mut fours = panel.chunks_exact(4 * height);
-    for four in &mut fours {
-        let column = |i: usize| &four[i * height + row..][..length];
-        let (a, b, c, d) = (column(0), column(1), column(2), column(3));
-        let (fa, fb, fc, fd) = (a[0], b[0], c[0], d[0]);
-        for i in 0..length {
-            target[i] -= (fa * a[i] + fb * b[i]) + (fc * c[i] + fd * d[i]);
-        }
-    }
-    for column in fours.remainder().chunks_exact(height) {
-        let column = &column[row..];
-        let factor = column[0];
-        for (t, value) in target.iter_mut().zip(column) {
-            *t -= factor * value;
-        }
-    }
 }
 
 fn gather(values: &[f64], rows: &[usize], local: &mut Vec<f64>) {
