@@ -9,6 +9,7 @@ mod g2o;
 mod images;
 mod lines;
 mod map_file;
+mod no_return;
 mod npy;
 mod npz;
 mod number;

@@ -39,6 +39,7 @@ pub(crate) fn parse_f64(token: &[u8]) -> Option<f64> {
 }
 
 /// The tokens of a line, separated by spaces, tabs or commas.
+#[derive(Clone)]
 pub(crate) struct Tokens<'a> {
     rest: &'a [u8],
 }
