@@ -24,6 +24,11 @@ impl<'a> Npz<'a> {
         Ok(Self { path: path.to_path_buf(), archive })
     }
 
+    /// Where the archive lies.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// The array called `name`, if there is one.
     pub(crate) fn optional<T: Number>(&mut self, name: &str) -> Result<Option<Array<T>>, ReadError> {
         let entry = match self.archive.by_name(&format!("{name}.npy")) {
@@ -93,6 +98,6 @@ impl<'a> Npz<'a> {
 }
 
 /// A problem with one array of an archive.
-fn problem(path: &Path, name: &str, found: impl Into<String>, expected: &str) -> Problem {
+pub(crate) fn problem(path: &Path, name: &str, found: impl Into<String>, expected: &str) -> Problem {
     Problem::new(path, found).at(format!("array {name}")).expected(expected)
 }

@@ -5,14 +5,13 @@
 //! either folder; image i, from 1, was taken at the i-th stamp. Every part may be missing.
 
 use super::Format;
-use crate::calibration;
 use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::images::{ImageEntry, ImageIndex};
-use crate::npz::Npz;
+use crate::npz::{Npz, problem};
 use crate::source::{FolderSource, InputHash, Source, folder_names};
 use crate::stamps::rising;
-use floorprint::sensors::{EncoderReading, ImuReading, Record, Scan, ScanGeometry};
+use floorprint::sensors::{EncoderReading, ImuReading, Record, RobotConfig, Scan, ScanGeometry};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -36,13 +35,14 @@ fn recognises(source: &Source) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Part {
     Encoders,
-    Hokuyo,
     Imu,
+    Hokuyo,
     Kinect,
 }
 
 impl Part {
-    const ALL: [Self; 4] = [Self::Encoders, Self::Hokuyo, Self::Imu, Self::Kinect];
+    /// In the order in which they are read; at equal stamps what moved comes before what was seen.
+    const ALL: [Self; 4] = [Self::Encoders, Self::Imu, Self::Hokuyo, Self::Kinect];
 
     fn stem(self) -> &'static str {
         match self {
@@ -113,7 +113,7 @@ struct Drive {
 
 impl Drive {
     fn read(mut self, folder: &Path, number: u32, parts: &BTreeMap<Part, PathBuf>) -> Result<DataSet, ReadError> {
-        let mut robot = calibration::ece276a();
+        let mut robot = RobotConfig::ece276a();
         let mut images = None;
         for part in Part::ALL {
             let Some(path) = parts.get(&part) else {
@@ -136,7 +136,7 @@ impl Drive {
         if images.is_none() {
             robot.camera = None;
         }
-        // Stable: at equal stamps what moved comes before what was seen.
+        // A stable sort: it keeps the order of the parts at equal stamps.
         self.records.sort_by(|a, b| a.stamp_s().total_cmp(&b.stamp_s()));
         Ok(DataSet {
             format: FORMAT,
@@ -268,6 +268,16 @@ fn read_geometry(npz: &mut Npz, rays: usize) -> Result<ScanGeometry, ReadError> 
     let angle_min_rad = npz.scalar("angle_min")?;
     let angle_step_rad = npz.scalar("angle_increment")?;
     let (range_min_m, range_max_m) = (npz.scalar("range_min")?, npz.scalar("range_max")?);
+    let problem = |name, found: f64, expected| problem(npz.path(), name, found.to_string(), expected);
+    if !angle_min_rad.is_finite() {
+        return Err(problem("angle_min", angle_min_rad, "an angle in radians").into());
+    }
+    if !angle_step_rad.is_finite() || angle_step_rad == 0.0 {
+        return Err(problem("angle_increment", angle_step_rad, "an angle in radians, not 0").into());
+    }
+    if range_max_m.is_nan() || range_max_m <= range_min_m {
+        return Err(problem("range_max", range_max_m, "a range beyond range_min").into());
+    }
     Ok(ScanGeometry {
         angles_rad: (0..rays).map(|ray| angle_min_rad + ray as f64 * angle_step_rad).collect(),
         time_offsets_s: vec![0.0; rays],
@@ -276,4 +286,147 @@ fn read_geometry(npz: &mut Npz, rays: usize) -> Result<ScanGeometry, ReadError> 
         // Hokuyo's drivers write a range of about nothing where nothing came back.
         below_minimum_is_no_return: true,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::npy::tests::npy;
+    use proptest::prelude::*;
+    use std::io::{Cursor, Write};
+    use zip::write::SimpleFileOptions;
+    use zip::{CompressionMethod, ZipWriter};
+
+    type Arrays<'a> = &'a [(&'a str, Vec<u8>)];
+
+    fn npz(arrays: Arrays, method: CompressionMethod) -> Vec<u8> {
+        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+        for (name, array) in arrays {
+            archive.start_file(format!("{name}.npy"), SimpleFileOptions::default().compression_method(method)).unwrap();
+            archive.write_all(array).unwrap();
+        }
+        archive.finish().unwrap().into_inner()
+    }
+
+    fn doubles(shape: &str, values: &[f64]) -> Vec<u8> {
+        npy("<f8", false, shape, &values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<_>>())
+    }
+
+    /// A drive of three readings of each sensor.
+    fn hokuyo(stamps_s: [f64; 3]) -> Vec<(&'static str, Vec<u8>)> {
+        vec![
+            ("angle_min", doubles("()", &[-1.0])),
+            ("angle_increment", doubles("(1, 1)", &[0.5])),
+            ("range_min", doubles("(1,)", &[0.1])),
+            ("range_max", doubles("()", &[30.0])),
+            ("ranges", doubles("(2, 3)", &[1.0, 2.0, 3.0, 10.0, 20.0, f64::NAN])),
+            ("time_stamps", doubles("(1, 3)", &stamps_s)),
+        ]
+    }
+
+    fn encoders(stamps_s: &[f64]) -> Vec<(&'static str, Vec<u8>)> {
+        let counts: Vec<u8> = (0..4).flat_map(|_| 1..=stamps_s.len() as u8).collect();
+        let shape = format!("(4, {})", stamps_s.len());
+        vec![
+            ("counts", npy("|i1", false, &shape, &counts)),
+            ("time_stamps", doubles(&format!("({},)", stamps_s.len()), stamps_s)),
+        ]
+    }
+
+    fn folder(files: &[(&str, Vec<u8>)]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes) in files {
+            fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        folder
+    }
+
+    fn open(folder: &tempfile::TempDir) -> Result<DataSet, ReadError> {
+        crate::open(folder.path(), &OpenOptions::default())
+    }
+
+    #[test]
+    fn a_drive_may_lie_flat_in_its_folder_stored_or_deflated() {
+        let kinect =
+            [("disparity_time_stamps", doubles("(2,)", &[1.0, 2.0])), ("rgb_time_stamps", doubles("(1,)", &[1.5]))];
+        for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
+            let drive = open(&folder(&[
+                ("Hokuyo7.npz", npz(&hokuyo([1.0, 2.0, 3.0]), method)),
+                ("Encoders7.npz", npz(&encoders(&[1.0, 2.0]), method)),
+                ("Kinect7.npz", npz(&kinect, method)),
+                ("disparity7_2.png", vec![]),
+                ("rgb7_1.png", vec![]),
+            ]))
+            .unwrap();
+            let scans: Vec<_> = drive.scans().collect();
+            assert_eq!(scans[1].ranges_m, [2.0, 20.0]);
+            assert_eq!(scans[0].geometry.angles_rad, [-1.0, -0.5]);
+            assert!(matches!(drive.records[0], Record::Encoders(_)) && matches!(drive.records[1], Record::Scan(_)));
+            let images = drive.images.unwrap();
+            assert_eq!((images.disparity[0].stamp_s, images.color[0].stamp_s), (2.0, 1.5));
+            assert!(images.disparity[0].load_disparity().is_err() && images.color[0].load_color().is_err());
+            assert_eq!(drive.dropped.count(DropReason::MissingImage), 1);
+            assert_eq!(drive.notes, ["no IMU: yaw comes from the wheels"]);
+        }
+    }
+
+    #[test]
+    fn ticks_survive_stamps_that_do_not() {
+        let stamps_s = [1.0, f64::NAN, 3.0, 900.0, 0.5, 4.0, 4.0];
+        let drive = open(&folder(&[("encoders1.npz", npz(&encoders(&stamps_s), CompressionMethod::Stored))])).unwrap();
+        let ticks: Vec<_> = drive
+            .records
+            .iter()
+            .map(|record| match record {
+                Record::Encoders(reading) => (reading.stamp_s, reading.left_ticks, reading.right_ticks),
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        assert_eq!(ticks, [(1.0, 1.0, 1.0), (3.0, 5.0, 5.0), (4.0, 15.0, 15.0), (4.0, 7.0, 7.0)]);
+        assert_eq!(drive.dropped.count(DropReason::StampJump), 3);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_named() {
+        let with = |name: &'static str, array: Vec<u8>| {
+            let mut arrays = hokuyo([1.0, 2.0, 3.0]);
+            arrays.retain(|(other, _)| *other != name);
+            arrays.extend((!array.is_empty()).then_some((name, array)));
+            open(&folder(&[("Hokuyo1.npz", npz(&arrays, CompressionMethod::Deflated))])).unwrap_err().to_string()
+        };
+        assert!(with("time_stamps", doubles("(2,)", &[1.0, 2.0])).contains("array ranges"));
+        assert!(with("ranges", doubles("(3, 2)", &[1.0; 6])).contains("(rays, 3)"));
+        assert!(with("ranges", vec![]).contains("expected an array called ranges"));
+        assert!(with("angle_increment", doubles("()", &[0.0])).contains("angle_increment"));
+        assert!(with("range_max", doubles("()", &[f64::NAN])).contains("range_max"));
+        assert!(with("angle_min", doubles("(2,)", &[0.0; 2])).contains("a single number"));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(128))]
+        #[test]
+        fn damaged_archives_are_errors_or_drives(
+            damage in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..4),
+            cut in any::<prop::sample::Index>(),
+            is_cut in any::<bool>(),
+            deflated in any::<bool>()
+        ) {
+            let method = if deflated { CompressionMethod::Deflated } else { CompressionMethod::Stored };
+            let mut bytes = npz(&hokuyo([1.0, 2.0, 3.0]), method);
+            for (position, byte) in damage {
+                let position = position.index(bytes.len());
+                bytes[position] = byte;
+            }
+            if is_cut {
+                bytes.truncate(cut.index(bytes.len()));
+            }
+            let path = Path::new("Hokuyo1.npz");
+            let mut drive = Drive::default();
+            if let Ok(mut npz) = Npz::new(path, &bytes)
+                && drive.read_hokuyo(&mut npz).is_ok()
+            {
+                prop_assert!(drive.records.len() <= 3);
+            }
+        }
+    }
 }

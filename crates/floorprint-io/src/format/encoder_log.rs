@@ -59,6 +59,11 @@ fn read(source: &Source, _options: &OpenOptions) -> Result<DataSet, ReadError> {
             Err(error) => return Err(file.unreadable(lines.number(), &error)),
         }
     }
+    if readings.is_empty() {
+        return Err(Problem::new(&file.path, "no line with time, counts and ranges")
+            .expected("lines of numbers that end in 682 ranges")
+            .into());
+    }
     Ok(data_set(file, readings, dropped))
 }
 
@@ -75,9 +80,9 @@ fn parse_line(line: &[u8]) -> Option<Reading> {
         Tokens::new(line).map(|token| parse_f64(token).filter(|value| value.is_finite())).collect::<Option<_>>()?;
     let first_range = fields.len().checked_sub(RAYS).filter(|&first| first >= FIRST_FIELDS)?;
     Some(Reading {
-        stamp_s: fields[0] * 1e-6,
+        stamp_s: fields[0] / 1e6,
         counts: [fields[2], fields[3]],
-        ranges_m: fields[first_range..].iter().map(|millimetres| (millimetres * 1e-3) as f32).collect(),
+        ranges_m: fields[first_range..].iter().map(|millimetres| (millimetres / 1e3) as f32).collect(),
     })
 }
 
@@ -142,6 +147,36 @@ impl Counter {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::path::Path;
+
+    fn line(stamp_us: i64, left: i64, right: i64) -> String {
+        format!("{stamp_us} 7 {left} {right} 0 0 0 170.1  {}\n", "1500 ".repeat(RAYS))
+    }
+
+    fn read_bytes(bytes: Vec<u8>) -> Result<DataSet, ReadError> {
+        read(&Source::File(FileSource::new(Path::new("drive.dat"), bytes)?), &OpenOptions::default())
+    }
+
+    #[test]
+    fn bad_lines_are_counted_and_cost_no_ticks() {
+        let text = "# a comment\n".to_owned()
+            + &line(0, 100, 200)
+            + "1 2 3\nnonsense\n"
+            + &line(5_000_000_000, 110, 220)
+            + &line(100_000, 120, 240)
+            + &line(200_000, 130, 260);
+        let log = read_bytes(text.into_bytes()).unwrap();
+        assert_eq!((log.dropped.count(DropReason::MalformedLine), log.dropped.count(DropReason::StampJump)), (2, 1));
+        let Record::Encoders(reading) = log.records[2] else { panic!("{:?}", log.records[2]) };
+        assert_eq!((reading.stamp_s, reading.left_ticks, reading.right_ticks), (0.1, 20.0, 40.0));
+        let scan = log.scans().next().unwrap();
+        assert_eq!((scan.ranges_m[681], scan.geometry.angles_rad[340]), (1.5, 0.0));
+    }
+
+    #[test]
+    fn a_log_without_a_single_whole_line_is_an_error() {
+        assert!(read_bytes(b"1 2 3\n".to_vec()).is_err());
+    }
 
     proptest! {
         #[test]
@@ -149,12 +184,24 @@ mod tests {
             start in 0..65536_i64, ticks in proptest::collection::vec(-3000..3000_i64, 1..50)
         ) {
             let mut count = start;
-            let counts: Vec<f64> =
-                std::iter::once(start as f64).chain(ticks.iter().map(|t| { count += t; count.rem_euclid(65536) as f64 })).collect();
+            let counts: Vec<f64> = std::iter::once(0)
+                .chain(ticks.iter().copied())
+                .map(|ticks| {
+                    count += ticks;
+                    count.rem_euclid(65536) as f64
+                })
+                .collect();
             let counter = Counter::new(counts.iter().copied());
             for (pair, &expected) in counts.windows(2).zip(&ticks) {
                 prop_assert_eq!(counter.ticks(pair[0], pair[1]), expected as f64);
             }
+        }
+
+        #[test]
+        fn any_bytes_are_a_log_or_an_error(bytes in proptest::collection::vec(any::<u8>(), 1..300), after_a_line in any::<bool>()) {
+            let mut text = if after_a_line { line(0, 1, 2).into_bytes() } else { Vec::new() };
+            text.extend(bytes);
+            prop_assert_eq!(read_bytes(text).is_ok(), after_a_line);
         }
     }
 }
