@@ -2,6 +2,7 @@
 
 pub mod calibration;
 mod data_set;
+mod ece276a_writer;
 mod error;
 mod floor_file;
 mod format;
@@ -12,6 +13,7 @@ mod map_file;
 mod no_return;
 mod npy;
 mod npz;
+mod npz_writer;
 mod number;
 mod pgm;
 mod picture;
@@ -23,6 +25,7 @@ mod stamps;
 mod trajectory;
 
 pub use data_set::{DataSet, DropCounts, DropReason, OpenOptions, open};
+pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
 pub use floor_file::{read_floor, write_floor};
 pub use format::Format;

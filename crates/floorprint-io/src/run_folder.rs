@@ -1,4 +1,4 @@
-//! The folder of a run's results, which appears whole or not at all.
+//! The folder of a run's results or of a simulation, which appears whole or not at all.
 
 use crate::error::{Problem, WriteError};
 use crate::replace::sibling;
@@ -6,8 +6,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The file by which a folder is known to hold the results of a run.
-const MARK: &str = "report.json";
+/// The files by which a folder is known to hold the results of a run, or a simulation.
+const MARKS: [&str; 2] = ["report.json", "simulation.json"];
 
 /// A folder that is filled beside its final place and moved there when it is complete.
 ///
@@ -85,7 +85,7 @@ fn obstacle(target: &Path, replace: bool) -> io::Result<Option<Problem>> {
     if fs::read_dir(target)?.next().is_none() {
         return Ok(None);
     }
-    Ok(match (target.join(MARK).is_file(), replace) {
+    Ok(match (MARKS.iter().any(|mark| target.join(mark).is_file()), replace) {
         (true, true) => None,
         (true, false) => problem("it holds an earlier run", "Choose another folder, or replace it with --force"),
         // Nothing but results is ever deleted.

@@ -28,8 +28,10 @@ const SIGHT_M: f64 = 100.0;
 const SKIRTING_M: f64 = 0.1;
 const SKIRTING_COLOR: [u8; 3] = [40, 40, 44];
 const TROUSERS_COLOR: [u8; 3] = [45, 55, 90];
-/// The most points of the floor that one pixel averages.
-const MOST_SAMPLES: f64 = 8.0;
+/// The points of the floor that one pixel averages: one to this length of its strip, metres…
+const SAMPLE_M: f64 = 2.0 * PIXEL_M;
+/// … and no more than these.
+const MOST_SAMPLES: f64 = 6.0;
 
 /// One of the two eyes: where each pixel looks, in the body's frame.
 #[derive(Debug, Clone)]
@@ -203,7 +205,7 @@ impl SimulatedDrive {
                 return NO_DISPARITY;
             }
             let exact = (camera.depth_numerator_m / depth_m - camera.disparity_offset) / camera.disparity_scale;
-            (exact + noise.at(index)).round().clamp(0.0, f64::from(NO_DISPARITY)) as u16
+            ((exact + noise.at(index) + 0.5) as u16).min(NO_DISPARITY)
         });
         let disparity = disparity.collect();
         Some(DisparityImage { stamp_s: self.config.start_stamp_s + time_s, width: WIDTH, height: HEIGHT, disparity })
@@ -227,7 +229,7 @@ impl SimulatedDrive {
                 Seen::Floor(depth_m) => self.floor_color(&view, pixel, f64::from(depth_m), pinhole.focal_px),
                 Seen::Upright(_, color) => color.map(f64::from),
             };
-            color.map(|channel| (channel * light + noise).round().clamp(0.0, 255.0) as u8)
+            color.map(|channel| (channel * light + noise + 0.5) as u8)
         });
         let rgb = rgb.collect();
         Some(ColorImage { stamp_s: self.config.start_stamp_s + time_s, width: WIDTH, height: HEIGHT, rgb })
@@ -237,7 +239,7 @@ impl SimulatedDrive {
     /// long strip along the ray: one row of pixels later the ray meets the floor that much farther on.
     fn floor_color(&self, view: &View, pixel: &Pixel, depth_m: f64, focal_px: f64) -> [f64; 3] {
         let strip_m = depth_m / (focal_px * f64::from(-pixel.direction[2]));
-        let samples = (strip_m * f64::from(pixel.level) / PIXEL_M).clamp(1.0, MOST_SAMPLES) as usize;
+        let samples = (strip_m * f64::from(pixel.level) / SAMPLE_M).clamp(1.0, MOST_SAMPLES) as usize;
         let mut sum = [0.0; 3];
         for sample in 0..samples {
             let offset_m = ((sample as f64 + 0.5) / samples as f64 - 0.5) * strip_m;

@@ -213,22 +213,25 @@ impl FloorPlan {
             floor.lay(Patch { building_from_patch, half_size_m, paint: Paint::Plain([225, 180, 30]) });
         }
         let inks = [[15, 15, 15], [240, 240, 240], [190, 25, 25]];
-        let mut signs: usize = 0;
+        let mut signs: Vec<Pose2> = Vec::new();
         for (start, length_m) in &legs {
             let mut along_m = 1.2;
             while along_m + 0.5 < *length_m {
-                let letter = font::LETTERS[signs % font::LETTERS.len()];
-                let number = b'0' + (signs / font::LETTERS.len() % 10) as u8;
-                let aside_m = self.random.random_range(-0.15..0.15);
-                for (glyph, left_m) in [(letter, 0.19), (number, -0.19)] {
-                    let place = Pose2::new(along_m, aside_m + left_m, -std::f64::consts::FRAC_PI_2);
-                    floor.lay(Patch {
-                        building_from_patch: start.compose(&place),
-                        half_size_m: [0.15, 0.21],
-                        paint: Paint::Glyph(glyph, inks[signs % inks.len()]),
-                    });
+                let sign = start.compose(&Pose2::new(along_m, self.random.random_range(-0.15..0.15), 0.0));
+                // Where the route comes by again, there is a sign already.
+                if signs.iter().all(|other| sign.between(other).distance() > 1.0) {
+                    let letter = font::LETTERS[signs.len() % font::LETTERS.len()];
+                    let digit = b'0' + (signs.len() % 10) as u8;
+                    for (character, left_m) in [(letter, 0.19), (digit, -0.19)] {
+                        let place = Pose2::new(0.0, left_m, -std::f64::consts::FRAC_PI_2);
+                        floor.lay(Patch {
+                            building_from_patch: sign.compose(&place),
+                            half_size_m: [0.15, 0.21],
+                            paint: Paint::Glyph(character, inks[signs.len() % inks.len()]),
+                        });
+                    }
+                    signs.push(sign);
                 }
-                signs += 1;
                 along_m += self.random.random_range(2.0..2.8);
             }
         }

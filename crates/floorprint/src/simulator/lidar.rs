@@ -70,7 +70,7 @@ impl Lidar {
             angles_rad,
             range_min_m: config.range_min_m as f32,
             range_max_m: config.range_max_m as f32,
-            below_minimum_is_no_return: false,
+            below_minimum_is_no_return: true,
         };
         Self { geometry: Arc::new(geometry), rays, origin_m: [robot.mount.x_m, robot.mount.y_m] }
     }
@@ -114,7 +114,7 @@ impl Lidar {
             if range_m >= config.range_max_m {
                 return NO_RETURN_M[0];
             }
-            ((range_m.max(0.0) * UNITS_PER_M).round() / UNITS_PER_M) as f32
+            (((range_m * UNITS_PER_M + 0.5) as u32) as f64 / UNITS_PER_M) as f32
         };
         Scan {
             stamp_s: simulation.start_stamp_s + time_s,
