@@ -167,15 +167,15 @@ impl SimulatedDrive {
         let mut scan_times_s = self.scan_times_s.iter().map(|time_s| self.config.start_stamp_s + time_s).peekable();
         let mut scans = scans.map(Record::Scan);
         std::iter::from_fn(move || {
-            // What was measured before a scan comes before it, also at the same stamp.
+            // At equal stamps: wheels, gyro, scan, as the reader of the files has it.
             let next = |stamp_s: Option<f64>| stamp_s.unwrap_or(f64::INFINITY);
             let imu_s = next(imu.peek().map(Record::stamp_s));
             let wheels_s = next(wheels.peek().map(Record::stamp_s));
             let scan_s = next(scan_times_s.peek().copied());
-            if imu_s <= wheels_s && imu_s <= scan_s {
-                imu.next()
-            } else if wheels_s <= scan_s {
+            if wheels_s <= imu_s && wheels_s <= scan_s {
                 wheels.next()
+            } else if imu_s <= scan_s {
+                imu.next()
             } else {
                 scan_times_s.next();
                 scans.next()

@@ -1,8 +1,12 @@
 //! Properties of whole simulated drives.
 
-use super::{SimulatedDrive, SimulationConfig, World, simulate};
+use super::camera::{color_pinhole, depth_pinhole};
+use super::floor_plan::FloorPlan;
+use super::{Fault, SimulatedDrive, SimulationConfig, WheelCounts, World, simulate};
 use crate::geometry::{Pose2, wrap_angle};
-use crate::sensors::Record;
+use crate::map::Occupancy;
+use crate::sensors::{Record, RobotConfig, Scan};
+use nalgebra::Vector3;
 
 /// A quick version of the course's robot: 181 rays, ten scans a second.
 fn small() -> SimulationConfig {
@@ -101,4 +105,198 @@ fn noise_free_odometry_leads_along_the_truth() {
     // A scan may come up to one interval after the last ticks.
     assert!(farthest_m < 0.05, "{farthest_m} m");
     assert!(largest_rad < 0.04, "{largest_rad} rad");
+}
+
+/// An empty room of 8 m by 6 m with the robot at (3, 2), looking along x.
+fn empty_room(config: SimulationConfig) -> SimulatedDrive {
+    let mut plan = FloorPlan::new(1, 0);
+    plan.space([0.0, 8.0], [0.0, 6.0]);
+    plan.drive_to(&[[3.0, 2.0], [6.0, 2.0]]);
+    simulate(plan.build("empty room"), config, 1).unwrap()
+}
+
+/// The range to the walls of the empty room from a LiDAR on a body at `body`, metres.
+fn range_in_empty_room_m(body: Pose2, angle_rad: f64) -> f64 {
+    // The LiDAR sits 0.13323 m ahead of the body's origin.
+    let [x, y] = body.transform_point([0.13323, 0.0]);
+    let (sin, cos) = (body.theta + angle_rad).sin_cos();
+    let to_side = |place: f64, direction: f64, size: f64| match direction {
+        0.0 => f64::INFINITY,
+        ahead if ahead > 0.0 => (size - place) / ahead,
+        behind => -place / behind,
+    };
+    to_side(x, cos, 8.0).min(to_side(y, sin, 6.0))
+}
+
+#[test]
+fn the_range_image_of_a_known_room_is_exact() {
+    let mut config = small().without_noise();
+    config.motion.start_heading_error_rad = 0.0;
+    let drive = empty_room(config);
+    let scan = drive.scan(0);
+    for (&range_m, &angle_rad) in scan.ranges_m.iter().zip(&scan.geometry.angles_rad) {
+        let exact_m = range_in_empty_room_m(Pose2::new(3.0, 2.0, 0.0), angle_rad);
+        assert!((f64::from(range_m) - exact_m).abs() < 0.000_51, "{range_m} m instead of {exact_m} m");
+    }
+}
+
+/// Every ray is cast from where the robot is at the ray's own time.
+#[test]
+fn a_sweep_is_skewed_by_the_motion_within_it() {
+    let drive = empty_room(small().without_noise());
+    let scan = (0..drive.scan_count()).map(|scan| drive.scan(scan)).find(|scan| scan.stamp_s > 1.3e9 + 7.0).unwrap();
+    let pose_at = |stamp_s: f64| drive.start.compose(&drive.true_pose(stamp_s));
+    let mut largest_skew_m = 0.0_f64;
+    for (beam, &angle_rad) in scan.geometry.angles_rad.iter().enumerate() {
+        let stamp_s = scan.stamp_s + (beam as f64 / 180.0 - 0.5) * 0.75 * 0.025;
+        let exact_m = range_in_empty_room_m(pose_at(stamp_s), angle_rad);
+        assert!((f64::from(scan.ranges_m[beam]) - exact_m).abs() < 0.000_6);
+        largest_skew_m = largest_skew_m.max((exact_m - range_in_empty_room_m(pose_at(scan.stamp_s), angle_rad)).abs());
+    }
+    assert!(largest_skew_m > 0.004, "the robot moves: {largest_skew_m} m");
+}
+
+/// Equations 25–26, rewritten as a pinhole camera, still give the same pixels.
+#[test]
+fn the_colour_camera_is_the_one_of_the_report() {
+    let camera = RobotConfig::ece276a().camera.unwrap();
+    let (depth, color) = (depth_pinhole(&camera), color_pinhole(&camera));
+    for (column, row, depth_m) in [(0.0, 0.0, 0.6), (320.0, 240.0, 1.5), (600.0, 470.0, 3.9)] {
+        let dd = camera.depth_numerator_m / depth_m;
+        let report = [(526.37 * column - 4.5 * 1750.46 * dd + 19276.0) / 585.051, (526.37 * row + 16662.0) / 585.051];
+        let x = (column - depth.center_px[0]) / depth.focal_px * depth_m;
+        let y = (row - depth.center_px[1]) / depth.focal_px * depth_m;
+        let pinhole = [
+            color.focal_px * (x - color.right_m) / depth_m + color.center_px[0],
+            color.focal_px * y / depth_m + color.center_px[1],
+        ];
+        assert!((report[0] - pinhole[0]).abs() < 1e-9 && (report[1] - pinhole[1]).abs() < 1e-9);
+    }
+}
+
+/// A pixel of the disparity image leads through equations 23–27 to a point of the floor, and its
+/// colour pixel shows the paint at that point.
+#[test]
+fn a_floor_pixel_leads_back_to_the_floor_and_to_its_colour() {
+    let drive = drive("rooms", small().without_noise(), 5);
+    let camera = RobotConfig::ece276a().camera.unwrap();
+    let (disparity, color) = (drive.disparity_image(0).unwrap(), drive.color_image(0).unwrap());
+    let body_from_camera = camera.mount.body_from_sensor();
+    let building_from_body = drive.trajectory.at(1.0).pose();
+    let (mut pixels, mut agree) = (0, 0);
+    for row in (200..480).step_by(7) {
+        for column in (100..540).step_by(11) {
+            let d = f64::from(disparity.disparity[row * 640 + column]);
+            let dd = -0.00304 * d + 3.31;
+            let depth_m = 1.03 / dd;
+            let x = (column as f64 - camera.depth_center_column_px) / camera.depth_focal_px * depth_m;
+            let y = (row as f64 - camera.depth_center_row_px) / camera.depth_focal_px * depth_m;
+            let point = body_from_camera.transform_point(Vector3::new(depth_m, -x, -y));
+            if point.x.hypot(point.y) > 2.0 {
+                continue;
+            }
+            assert!(point.z.abs() < 0.01, "{} m off the floor at {row}, {column}", point.z);
+            let color_column = (526.37 * column as f64 - 4.5 * 1750.46 * dd + 19276.0) / 585.051;
+            let color_row = (526.37 * row as f64 + 16662.0) / 585.051;
+            let shown = color.rgb[color_row.round() as usize * 640 + color_column.round() as usize];
+            let place = building_from_body.transform_point([point.x, point.y]);
+            let painted = drive.world.floor.painter(place, 0.1).color(place);
+            let apart = shown.iter().zip(painted).map(|(&a, b)| a.abs_diff(b)).max().unwrap();
+            pixels += 1;
+            agree += usize::from(apart <= 3);
+        }
+    }
+    assert!(pixels > 500, "{pixels} pixels of floor");
+    // Pixels on an edge of the paint mix two colours.
+    assert!(agree as f64 > 0.95 * f64::from(pixels), "{agree} of {pixels} pixels agree");
+}
+
+/// The ticks of both sides within a span, and the number of scans and lost rays in it.
+fn in_span(faults: Vec<Fault>, from_s: f64, for_s: f64) -> (Vec<f64>, usize, f64) {
+    let drive = drive("rooms", SimulationConfig { faults, ..small() }, 1);
+    let inside = |stamp_s: f64| (from_s..from_s + for_s).contains(&(stamp_s - 1.3e9));
+    let readings = drive.wheel_counts().iter().filter(|counts| inside(counts.stamp_s)).map(WheelCounts::reading);
+    let ticks = readings.map(|reading| 0.5 * (reading.left_ticks + reading.right_ticks)).collect();
+    let scans: Vec<Scan> =
+        (0..drive.scan_count()).map(|scan| drive.scan(scan)).filter(|scan| inside(scan.stamp_s)).collect();
+    let rays = scans.iter().flat_map(|scan| &scan.ranges_m);
+    let lost = rays.clone().filter(|&&range_m| !(0.1..30.0).contains(&range_m)).count();
+    (ticks, scans.len(), lost as f64 / rays.count().max(1) as f64)
+}
+
+#[test]
+fn faults_do_what_they_say() {
+    let (from_s, for_s) = (10.0, 2.0);
+    let sum = |ticks: &[f64]| ticks.iter().sum::<f64>();
+    let (plain, scans, lost) = in_span(Vec::new(), from_s, for_s);
+    assert!(scans == 20 && lost < 0.02 && sum(&plain) > 100.0);
+
+    let (slip, ..) = in_span(vec![Fault::WheelSlip { from_s, for_s, share: 1.0 }], from_s, for_s);
+    assert!((sum(&slip) / sum(&plain) - 2.0).abs() < 0.05);
+    let (stuck, ..) = in_span(vec![Fault::EncodersStuck { from_s, for_s }], from_s, for_s);
+    assert!(stuck.iter().all(|&ticks| ticks == 0.0));
+    let (jumps, ..) = in_span(vec![Fault::EncodersJump { from_s, for_s, jump_m: 0.5 }], from_s, for_s);
+    let largest = |ticks: &[f64]| ticks.iter().fold(0.0_f64, |most, ticks| most.max(ticks.abs()));
+    assert!(largest(&jumps) > 200.0 && largest(&plain) < 20.0);
+    let (_, scans, _) = in_span(vec![Fault::LidarDropout { from_s, for_s }], from_s, for_s);
+    assert_eq!(scans, 0);
+    let (_, _, lost) = in_span(vec![Fault::RaysLost { from_s, for_s, share: 0.3 }], from_s, for_s);
+    assert!((lost - 0.3).abs() < 0.03, "{lost}");
+
+    let (whole, ..) = in_span(Vec::new(), 0.0, 100.0);
+    let (unsigned, ..) = in_span(vec![Fault::EncodersSignLost { from_s: 0.0, for_s: 100.0 }], 0.0, 100.0);
+    assert!(whole.iter().any(|&ticks| ticks < -5.0), "the route has a stretch in reverse");
+    assert!(unsigned.iter().all(|&ticks| ticks >= 0.0));
+}
+
+#[test]
+fn a_kidnapped_robot_is_elsewhere_and_its_wheels_do_not_know() {
+    let kidnapping = vec![Fault::Kidnapping { at_s: 12.0, ahead_m: 3.0 }];
+    let drive = drive("loop", SimulationConfig { faults: kidnapping, ..small() }, 1);
+    let truth = drive.truth();
+    let jumps = truth.windows(2).filter(|pair| pair[0].pose.between(&pair[1].pose).distance() > 1.0).count();
+    assert_eq!(jumps, 1);
+    let most = drive.wheel_counts().iter().flat_map(|counts| counts.ticks).max();
+    assert!(most.unwrap() < 30);
+}
+
+#[test]
+fn people_who_walk_along_are_close_by() {
+    let people = vec![Fault::PeopleAlong { from_s: 8.0, for_s: 10.0, people: 5 }];
+    let near = |faults: Vec<Fault>| {
+        let drive = drive("pillars", SimulationConfig { faults, ..small() }, 1);
+        let scan = (0..drive.scan_count()).map(|scan| drive.scan(scan)).find(|scan| scan.stamp_s > 1.3e9 + 12.0);
+        scan.unwrap().ranges_m.iter().filter(|range_m| (0.3..1.5).contains(*range_m)).count()
+    };
+    assert!(near(people) > near(Vec::new()) + 10);
+}
+
+#[test]
+fn an_unknown_world_and_an_impossible_setting_are_explained() {
+    let message = World::named("room", 1).unwrap_err().to_string();
+    assert!(message.contains("\"room\"") && message.contains("did you mean \"rooms\"?"), "{message}");
+    let mut config = small();
+    config.lidar.rate_hz = 0.0;
+    let message = simulate(World::named("rooms", 1).unwrap(), config, 1).unwrap_err().to_string();
+    assert!(message.contains("lidar.rate_hz = 0"), "{message}");
+}
+
+/// The free cells of the true map are those that the LiDAR sees through, its walls where rays end.
+#[test]
+fn the_true_map_is_what_the_lidar_measures() {
+    let drive = drive("glass", small().without_noise(), 3);
+    let map = drive.true_map(0.05);
+    let (mut ends, mut on_walls) = (0, 0);
+    for (index, truth) in drive.truth().iter().enumerate().step_by(10).take(4) {
+        let scan = drive.scan(index);
+        for (&range_m, angle) in scan.ranges_m.iter().zip(&scan.geometry.angles_rad) {
+            let range_m = f64::from(range_m);
+            let on_ray = |m: f64| truth.pose.transform_point([0.13323 + m * angle.cos(), m * angle.sin()]);
+            ends += 1;
+            let wall = [-0.05, 0.0, 0.05].map(|m| map.at(on_ray(range_m + m)) == Some(&Occupancy::Occupied));
+            on_walls += usize::from(wall.contains(&true));
+            assert_ne!(map.at(on_ray(0.5 * range_m)), Some(&Occupancy::Unknown));
+        }
+    }
+    assert!(on_walls as f64 > 0.97 * f64::from(ends), "{on_walls} of {ends} rays end on a wall");
 }
