@@ -1,20 +1,20 @@
 //! A simulated drive is written in the course's layout and read back by the course's reader.
 
 use floorprint::sensors::Record;
-use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
+use floorprint::simulator::{SimulatedDrive, SimulationConfig, SimulationError, World, simulate};
 use floorprint_io::{OpenOptions, open, read_floor, read_map, read_trajectory, write_ece276a};
 
-fn small_drive() -> SimulatedDrive {
+fn small_drive() -> Result<SimulatedDrive, SimulationError> {
     let mut config = SimulationConfig::default();
     (config.lidar.beams, config.lidar.rate_hz, config.camera.rate_hz) = (271, 5.0, 0.1);
-    simulate(World::named("rooms", 7).unwrap(), config, 7).unwrap()
+    simulate(World::named("rooms", 7)?, config, 7)
 }
 
 #[test]
 fn what_is_written_is_what_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().join("simulated");
-    let drive = small_drive();
+    let drive = small_drive().unwrap();
     let mut last = (0, 0);
     write_ece276a(&target, &drive, 30, false, &mut |done, total| last = (done, total)).unwrap();
     assert!(last.0 == last.1 && last.1 > drive.scan_count());

@@ -18,8 +18,8 @@ use rand::RngExt;
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
-/// When the first scan is taken, seconds into the drive.
-const FIRST_SCAN_S: f64 = 0.5;
+/// When the first scan is taken, seconds into the drive: no two sensors tick together.
+const FIRST_SCAN_S: f64 = 0.5017;
 /// When the first disparity image is taken, seconds into the drive.
 const FIRST_IMAGE_S: f64 = 1.0;
 /// How much later than its disparity image a colour image is taken, seconds.
@@ -167,7 +167,7 @@ impl SimulatedDrive {
         let mut scan_times_s = self.scan_times_s.iter().map(|time_s| self.config.start_stamp_s + time_s).peekable();
         let mut scans = scans.map(Record::Scan);
         std::iter::from_fn(move || {
-            // At equal stamps: wheels, gyro, scan, as the reader of the files has it.
+            // At equal stamps what moved comes before what was seen.
             let next = |stamp_s: Option<f64>| stamp_s.unwrap_or(f64::INFINITY);
             let imu_s = next(imu.peek().map(Record::stamp_s));
             let wheels_s = next(wheels.peek().map(Record::stamp_s));

@@ -9,7 +9,7 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 
 /// When the first reading is taken, seconds into the drive.
-const FIRST_S: f64 = 0.26;
+const FIRST_S: f64 = 0.2637;
 
 /// A reading of the four wheels.
 #[derive(Debug, Clone, Copy, PartialEq)]
