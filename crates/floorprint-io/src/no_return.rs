@@ -12,6 +12,9 @@ const PROMINENCE: usize = 10;
 /// A mark's least share of all readings.
 const LEAST_SHARE: f64 = 1e-4;
 
+/// No scanner gives up before this range, metres: a nearer one is a wall before a robot at rest.
+const NEAREST_MARK_M: f32 = 3.0;
+
 /// Readings from this share of a mark upwards are compared with it.
 const NEIGHBOURHOOD: f32 = 0.8;
 
@@ -43,7 +46,7 @@ pub(crate) fn no_return_mark_m<I: Iterator<Item = f32>>(ranges_m: impl Fn() -> I
         let below = occurrences.range(from(range_m * NEIGHBOURHOOD)..from(range_m * FAMILY));
         let beyond: usize = occurrences.range(mark + 1..).map(|(_, &count)| count).sum();
         let busiest = below.map(|(_, &count)| count).max().unwrap_or(0);
-        count >= least && count >= PROMINENCE * busiest && count >= beyond
+        range_m >= NEAREST_MARK_M && count >= least && count >= PROMINENCE * busiest && count >= beyond
     };
     let (&mark, &count) = occurrences.iter().rev().find(|&(&mark, &count)| stands_out(mark, count))?;
     let family = occurrences.range(from(f32::from_bits(mark) * FAMILY)..=mark);
@@ -89,6 +92,7 @@ mod tests {
         let mut ranges_m = walls(7.0);
         ranges_m.extend((0..900).map(|reading| 7.0 + (reading % 30) as f32 / 100.0));
         assert_eq!(mark(&ranges_m), None);
+        assert_eq!(mark(&[1.25; 1000]), None);
         assert_eq!(mark(&[]), None);
         assert_eq!(mark(&[f32::NAN, f32::INFINITY, -1.0, 0.0]), None);
     }

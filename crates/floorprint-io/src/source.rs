@@ -1,7 +1,7 @@
 //! The input as it lies on disk: a file's bytes or a folder's listing.
 
 use crate::error::{Problem, ReadError};
-use flate2::read::MultiGzDecoder;
+use flate2::bufread::GzDecoder;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,6 +10,9 @@ use std::path::{Path, PathBuf};
 
 /// Bytes of a file's beginning by which formats are recognised.
 const HEAD_BYTES: u64 = 1 << 16;
+
+/// How gzip data begin.
+const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
 /// What a path leads to.
 pub(crate) enum Source {
@@ -80,7 +83,7 @@ impl FileSource {
 
     /// The content, unpacked if it is gzipped (also in several members).
     pub(crate) fn content(&self) -> Box<dyn Read + '_> {
-        if self.is_gzip() { Box::new(MultiGzDecoder::new(&self.bytes[..])) } else { Box::new(&self.bytes[..]) }
+        if self.is_gzip() { Box::new(Gunzip(GzDecoder::new(&self.bytes[..]))) } else { Box::new(&self.bytes[..]) }
     }
 
     /// The lines by which a text format is recognised: those that end within the file's beginning.
@@ -109,7 +112,23 @@ impl FileSource {
     }
 
     fn is_gzip(&self) -> bool {
-        self.bytes.starts_with(&[0x1f, 0x8b])
+        self.bytes.starts_with(&GZIP_MAGIC)
+    }
+}
+
+/// Unpacks gzip data of one or several members; like `gunzip`, it ignores what follows the last.
+struct Gunzip<'a>(GzDecoder<&'a [u8]>);
+
+impl Read for Gunzip<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let count = self.0.read(buffer)?;
+            let rest = *self.0.get_ref();
+            if count > 0 || buffer.is_empty() || !rest.starts_with(&GZIP_MAGIC) {
+                return Ok(count);
+            }
+            self.0 = GzDecoder::new(rest);
+        }
     }
 }
 

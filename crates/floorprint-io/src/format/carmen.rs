@@ -528,8 +528,10 @@ mod tests {
     fn gzipped_logs_may_have_several_members() {
         let text = small_log();
         let (first, second) = text.as_bytes().split_at(text.len() / 2);
-        let log = read_bytes([gzip(first), gzip(second)].concat()).unwrap();
-        assert_eq!((log.scans().count(), log.dropped.total()), (30, 0));
+        for behind in ["", "\0\0\0", "what is no gzip data"] {
+            let log = read_bytes([gzip(first), gzip(second), behind.into()].concat()).unwrap();
+            assert_eq!((log.scans().count(), log.dropped.total()), (30, 0));
+        }
     }
 
     #[test]

@@ -33,6 +33,8 @@ impl Format {
 pub(crate) fn recognise(source: &Source) -> Result<&'static Format, ReadError> {
     FORMATS.iter().find(|format| (format.recognises)(source)).ok_or_else(|| {
         let known: Vec<&str> = FORMATS.iter().map(|format| format.description).collect();
-        Problem::new(source.path(), "its content is of no known format").expected(known.join(", or ")).into()
+        Problem::new(source.path(), "its content is of no known format")
+            .expected(format!("one of: {}", known.join("; ")))
+            .into()
     })
 }
