@@ -1,6 +1,8 @@
 //! The command line of Floorprint: one file per command.
 
+mod bench;
 mod config;
+mod demo;
 mod evaluate;
 mod figure;
 mod info;
@@ -9,6 +11,8 @@ mod outcome;
 mod report;
 mod run;
 mod run_folder;
+mod shell;
+mod simulate;
 mod snapshots;
 mod solve;
 mod stopwatch;
@@ -16,7 +20,7 @@ mod summary;
 mod terminal;
 mod truth;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use outcome::Outcome;
 use std::process::ExitCode;
 use terminal::Terminal;
@@ -37,21 +41,32 @@ const EXIT_CODES: &str = "Exit codes: 0 fine, 1 failed, 2 bad arguments or confi
 
 #[derive(Subcommand)]
 enum Command {
+    Demo(demo::Arguments),
     Run(run::Arguments),
+    Simulate(simulate::Arguments),
     #[command(subcommand)]
     Evaluate(evaluate::Command),
     Info(info::Arguments),
     #[command(subcommand)]
     Config(config::Command),
+    Bench(bench::Arguments),
+    Completions(shell::Completions),
+    /// Print the manual page.
+    Man,
 }
 
 impl Command {
     fn execute(&self, terminal: &Terminal) -> anyhow::Result<Outcome> {
         match self {
+            Self::Demo(arguments) => demo::execute(arguments, terminal),
             Self::Run(arguments) => run::execute(arguments, terminal),
+            Self::Simulate(arguments) => simulate::execute(arguments, terminal),
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),
+            Self::Bench(arguments) => bench::execute(arguments, terminal),
+            Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),
+            Self::Man => shell::man(Arguments::command(), terminal),
         }
     }
 }

@@ -54,6 +54,16 @@ pub(crate) struct Work {
     snapshots: Option<f64>,
 }
 
+impl Work {
+    /// The threads that share the work.
+    ///
+    /// # Errors
+    /// The system gives no threads.
+    pub(crate) fn pool(&self) -> Result<rayon::ThreadPool, rayon::ThreadPoolBuildError> {
+        rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()
+    }
+}
+
 fn positive(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
     if number.is_finite() && number > 0.0 { Ok(number) } else { Err("expected a number > 0".to_owned()) }
@@ -110,10 +120,8 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 impl Task<'_> {
     /// Solves the drive on its own pool of threads and writes the folder.
     pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Report> {
-        let threads = self.work.threads.map_or(0, usize::from);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         let interrupt = Interrupt::listen();
-        pool.install(|| self.solve_and_write(terminal, &interrupt))
+        self.work.pool()?.install(|| self.solve_and_write(terminal, &interrupt))
     }
 
     fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Report> {

@@ -68,19 +68,13 @@ fn name(phase: Phase) -> &'static str {
 }
 
 /// CPU time of this process so far, user and system, seconds; `None` where the system does not tell.
-#[cfg(unix)]
 pub(crate) fn cpu_time_s() -> Option<f64> {
-    use nix::sys::resource::{UsageWho, getrusage};
-    use nix::sys::time::TimeVal;
-    let usage = getrusage(UsageWho::RUSAGE_SELF).ok()?;
-    let seconds = |time: TimeVal| time.tv_sec() as f64 + time.tv_usec() as f64 * 1e-6;
-    Some(seconds(usage.user_time()) + seconds(usage.system_time()))
+    usage::cpu_time_s(usage::Who::Process)
 }
 
-/// CPU time of this process so far; not told here.
-#[cfg(not(unix))]
-pub(crate) fn cpu_time_s() -> Option<f64> {
-    None
+/// CPU time of all children that have ended, seconds; `None` where the system does not tell.
+pub(crate) fn children_cpu_time_s() -> Option<f64> {
+    usage::cpu_time_s(usage::Who::Children)
 }
 
 /// The most memory that this process ever held, bytes; `None` where the system does not tell.
@@ -91,4 +85,37 @@ pub(crate) fn peak_memory_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     Some(line.trim().strip_suffix(" kB")?.parse::<u64>().ok()? * 1024)
+}
+
+#[cfg(unix)]
+mod usage {
+    use nix::sys::resource::{UsageWho, getrusage};
+    use nix::sys::time::TimeVal;
+
+    pub(super) enum Who {
+        Process,
+        Children,
+    }
+
+    pub(super) fn cpu_time_s(who: Who) -> Option<f64> {
+        let who = match who {
+            Who::Process => UsageWho::RUSAGE_SELF,
+            Who::Children => UsageWho::RUSAGE_CHILDREN,
+        };
+        let usage = getrusage(who).ok()?;
+        let seconds = |time: TimeVal| time.tv_sec() as f64 + time.tv_usec() as f64 * 1e-6;
+        Some(seconds(usage.user_time()) + seconds(usage.system_time()))
+    }
+}
+
+#[cfg(not(unix))]
+mod usage {
+    pub(super) enum Who {
+        Process,
+        Children,
+    }
+
+    pub(super) fn cpu_time_s(_who: Who) -> Option<f64> {
+        None
+    }
 }

@@ -342,23 +342,31 @@ struct View {
 }
 
 impl View {
-    /// The smallest view with some air around that holds the map and the trajectories, as far as
-    /// these do not run off: a bad dead reckoning must not shrink the map to a spot.
+    /// A view with some air around of the map's walls and the trajectories. Single far returns
+    /// and a dead reckoning that runs off must not shrink the map to a spot: walls count but for
+    /// the outermost few, trajectories up to half of the walls' extent beyond them.
     fn around(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
-        let size_m = [map.width as f64 * map.resolution_m, map.height as f64 * map.resolution_m];
-        let (mut low_m, mut high_m) = (map.origin_m, [map.origin_m[0] + size_m[0], map.origin_m[1] + size_m[1]]);
-        let air_m = 0.02 * size_m[0].max(size_m[1]);
+        const OUTERMOST_SHARE: f64 = 0.004;
+        let occupied = || (0..map.cells.len()).filter(|index| map.cells[*index] == Occupancy::Occupied);
+        let (mut low_m, mut high_m) = ([0.0; 2], [0.0; 2]);
         for axis in 0..2 {
-            let furthest = [low_m[axis] - 0.5 * size_m[axis], high_m[axis] + 0.5 * size_m[axis]];
-            for stamped in trajectories.iter().copied().flatten() {
-                let position = if axis == 0 { stamped.pose.x } else { stamped.pose.y };
-                low_m[axis] = low_m[axis].min(position.max(furthest[0]));
-                high_m[axis] = high_m[axis].max(position.min(furthest[1]));
+            let mut places: Vec<f64> = occupied().map(|index| map.center_m(index)[axis]).collect();
+            places.sort_by(f64::total_cmp);
+            let outermost = (places.len() as f64 * OUTERMOST_SHARE) as usize;
+            let (low, high) = match (places.get(outermost), places.iter().rev().nth(outermost)) {
+                (Some(low), Some(high)) => (*low, *high),
+                _ => (map.origin_m[axis], map.origin_m[axis] + map.resolution_m),
+            };
+            let furthest_m = 0.5 * (high - low) + 1.0;
+            (low_m[axis], high_m[axis]) = (low, high);
+            for StampedPose { pose, .. } in trajectories.iter().copied().flatten() {
+                let position = if axis == 0 { pose.x } else { pose.y };
+                low_m[axis] = low_m[axis].min(position.max(low - furthest_m));
+                high_m[axis] = high_m[axis].max(position.min(high + furthest_m));
             }
-            low_m[axis] -= air_m;
-            high_m[axis] += air_m;
         }
-        Self { low_m, high_m }
+        let air_m = 0.03 * (high_m[0] - low_m[0]).max(high_m[1] - low_m[1]);
+        Self { low_m: low_m.map(|low| low - air_m), high_m: high_m.map(|high| high + air_m) }
     }
 
     fn longest_m(&self) -> f64 {

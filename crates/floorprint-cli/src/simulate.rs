@@ -1,0 +1,72 @@
+//! `floorprint simulate`: a drive with known truth, in the course's file layout.
+
+use crate::outcome::Outcome;
+use crate::terminal::Terminal;
+use anyhow::Context as _;
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
+use floorprint_io::write_ece276a;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Simulate a drive with exact truth, in the file layout of the course ECE276A.
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// Folder to make.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// World to drive through.
+    #[arg(long, value_name = "NAME", default_value = "rooms", value_parser = PossibleValuesParser::new(World::names()))]
+    world: String,
+    /// Seed of the world's furniture and of all errors of the sensors.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Number of the drive in the files' names.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    drive: u32,
+    /// TOML file with the simulation's settings: robot, sensors, faults.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Replace an earlier simulation.
+    #[arg(long)]
+    force: bool,
+}
+
+/// Runs `floorprint simulate`.
+pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    let config = match &arguments.config {
+        None => SimulationConfig::default(),
+        Some(path) => {
+            let place = || format!("cannot use the simulation's settings in {}", path.display());
+            toml::from_str(&fs::read_to_string(path).with_context(place)?).with_context(place)?
+        }
+    };
+    let drive = simulate(World::named(&arguments.world, arguments.seed)?, config, arguments.seed)?;
+    write(&drive, &arguments.out, arguments.drive, arguments.force, terminal)?;
+    let (world, out) = (&arguments.world, arguments.out.display());
+    terminal
+        .say(&format!("{:.0} s through \"{world}\" written; solve it with: floorprint run {out}", drive.duration_s()));
+    Ok(Outcome::Fine)
+}
+
+/// Writes a drive with a progress bar.
+///
+/// # Errors
+/// The folder exists or cannot be written.
+pub(crate) fn write(
+    drive: &SimulatedDrive,
+    out: &Path,
+    number: u32,
+    replace: bool,
+    terminal: &Terminal,
+) -> anyhow::Result<()> {
+    let progress = terminal.progress("simulating", "readings", drive.scan_count());
+    let mut show = |done: usize, total: usize| {
+        progress.set_length(total as u64);
+        progress.set_position(done as u64);
+    };
+    write_ece276a(out, drive, number, replace, &mut show)?;
+    progress.finish_and_clear();
+    Ok(())
+}
