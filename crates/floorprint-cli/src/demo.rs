@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
 
 /// Runs `floorprint demo`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
-    let (drive, results) = (arguments.out.join("drive"), arguments.out.join("results"));
+    let (drive, results) = (arguments.out.join(WORLD), arguments.out.join("results"));
     let seed = arguments.settings.seed.unwrap_or_default();
     let simulated = simulator::simulate(World::named(WORLD, seed)?, SimulationConfig::default(), seed)?;
     arguments.work.pool()?.install(|| simulate::write(&simulated, &drive, 1, true, terminal))?;

@@ -6,7 +6,7 @@ mod page;
 pub(crate) use page::{Exhibits, page};
 
 use crate::solve::Solution;
-use crate::stopwatch::{PhaseTime, Stopwatch, cpu_time_s, peak_memory_bytes};
+use crate::stopwatch::{PhaseTime, Stopwatch, peak_memory_bytes};
 use crate::truth::Errors;
 use floorprint::Config;
 use floorprint::evaluation::WallSharpness;
@@ -202,7 +202,7 @@ impl Report {
     pub(crate) fn take_cost(&mut self, stopwatch: &mut Stopwatch) {
         let wall_s = stopwatch.elapsed().as_secs_f64();
         self.cost.wall_s = wall_s;
-        self.cost.cpu_s = cpu_time_s();
+        self.cost.cpu_s = stopwatch.cpu_s();
         self.cost.peak_memory_bytes = peak_memory_bytes();
         self.cost.real_time_factor = self.drive.duration_s / wall_s.max(f64::MIN_POSITIVE);
         self.cost.phases = stopwatch.seconds();

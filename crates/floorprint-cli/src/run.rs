@@ -137,10 +137,11 @@ impl Task<'_> {
         let mut around = Surroundings { terminal, interrupt, profiler: &mut stopwatch, snapshots: snapshots.as_mut() };
         let solution = solve(&data_set, &config, !self.work.no_texture, &mut around)?;
 
-        stopwatch.enter(Phase::Write);
+        stopwatch.enter(Phase::Evaluate);
         let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
         let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
         report.errors = TruthFiles::beside(self.path).errors(&solution, &map, &config, &mut report.notes)?;
+        stopwatch.enter(Phase::Write);
         if let Some(snapshots) = &snapshots {
             snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
         }

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub(crate) struct Stopwatch {
     started: Instant,
+    cpu_before_s: Option<f64>,
     current: Phase,
     since: Instant,
     phases: BTreeMap<Phase, Duration>,
@@ -18,12 +19,17 @@ impl Stopwatch {
     /// Starts to measure, with `phase`.
     pub(crate) fn start(phase: Phase) -> Self {
         let now = Instant::now();
-        Self { started: now, current: phase, since: now, phases: BTreeMap::new() }
+        Self { started: now, cpu_before_s: cpu_time_s(), current: phase, since: now, phases: BTreeMap::new() }
     }
 
     /// Time since the start.
     pub(crate) fn elapsed(&self) -> Duration {
         self.started.elapsed()
+    }
+
+    /// CPU time of all threads since the start, seconds; `None` where the system does not tell.
+    pub(crate) fn cpu_s(&self) -> Option<f64> {
+        cpu_time_s().zip(self.cpu_before_s).map(|(now_s, before_s)| now_s - before_s)
     }
 
     /// Seconds by phase so far, in the order of the work.
@@ -63,12 +69,13 @@ fn name(phase: Phase) -> &'static str {
         Phase::Map => "map",
         Phase::LoopClosure => "close loops",
         Phase::Texture => "texture",
+        Phase::Evaluate => "evaluate",
         Phase::Write => "write",
     }
 }
 
 /// CPU time of this process so far, user and system, seconds; `None` where the system does not tell.
-pub(crate) fn cpu_time_s() -> Option<f64> {
+fn cpu_time_s() -> Option<f64> {
     usage::cpu_time_s(usage::Who::Process)
 }
 

@@ -19,6 +19,8 @@ pub enum Phase {
     LoopClosure,
     /// Painting the floor.
     Texture,
+    /// Comparing the results with the truth.
+    Evaluate,
     /// Writing the results.
     Write,
 }

@@ -139,7 +139,7 @@ fn tiles(report: &Report) -> String {
 fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::EncodingError> {
     let Exhibits { solution, map, .. } = exhibits;
     let truth = &report.errors.true_trajectory;
-    let view = View::around(&[&solution.trajectory, &solution.odometry, truth], map);
+    let view = View::around(&[&solution.trajectory, &solution.odometry, truth], map).with_room_for_scale_bar();
     let mut layers = vec![
         ("map", "cells", "map"),
         ("trajectory", "trajectory", "trajectory"),
@@ -180,7 +180,8 @@ fn floor_section(report: &Report, exhibits: &Exhibits<'_>) -> String {
             map.origin_m[0] + map.width as f64 * map.resolution_m,
             map.origin_m[1] + map.height as f64 * map.resolution_m,
         ],
-    };
+    }
+    .with_room_for_scale_bar();
     let mut svg = view.image("", map.origin_m, map.width, map.height, map.resolution_m, png);
     svg.push_str(&view.path("trajectory", &exhibits.solution.trajectory));
     svg.push_str(&view.scale_bar());
@@ -429,9 +430,15 @@ impl View {
         disc("start", poses.first()) + &disc("end", poses.last())
     }
 
+    /// The same view with room for a scale bar at the bottom.
+    fn with_room_for_scale_bar(mut self) -> Self {
+        self.low_m[1] -= 0.05 * self.longest_m();
+        self
+    }
+
     fn scale_bar(&self) -> String {
         let length_m = scale_bar_length_m(self.high_m[0] - self.low_m[0]);
-        let air_m = 0.025 * self.longest_m();
+        let air_m = 0.022 * self.longest_m();
         let (x, y) = (self.low_m[0] + air_m, -self.low_m[1] - air_m);
         format!(
             "<path class=\"bar\" d=\"M{x:.3} {y:.3}h{length_m}\"/><text x=\"{:.3}\" y=\"{:.3}\" font-size=\"{:.3}\">{length_m} m</text>",

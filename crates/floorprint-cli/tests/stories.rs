@@ -1,0 +1,325 @@
+//! What users do and what goes wrong: the built program from the outside.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+/// A short simulated drive, made once.
+struct Drive {
+    folder: TempDir,
+}
+
+impl Drive {
+    fn shared() -> &'static Path {
+        static DRIVE: OnceLock<Drive> = OnceLock::new();
+        DRIVE
+            .get_or_init(|| {
+                let folder = tempfile::tempdir().unwrap();
+                let settings = folder.path().join("simulation.toml");
+                // A small sensor and few images: quick, and still everything that a drive has.
+                let small =
+                    "[motion]\nspeed_m_s = 2.0\n[lidar]\nbeams = 181\nrate_hz = 10.0\n[camera]\nrate_hz = 0.5\n";
+                fs::write(&settings, small).unwrap();
+                let output = floorprint(&[
+                    "simulate",
+                    "--world",
+                    "rooms",
+                    "--config",
+                    settings.to_str().unwrap(),
+                    "--out",
+                    folder.path().join("drive").to_str().unwrap(),
+                ]);
+                assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+                Drive { folder }
+            })
+            .folder
+            .path()
+    }
+}
+
+fn drive() -> String {
+    Drive::shared().join("drive").display().to_string()
+}
+
+fn floorprint(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_floorprint")).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs a command that must fail; gives what it says.
+fn failure(arguments: &[&str], code: i32) -> String {
+    let output = floorprint(arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{message}");
+    assert!(output.stdout.is_empty(), "a failure prints no results: {}", text(&output.stdout));
+    assert!(!message.contains("panicked"), "{message}");
+    message
+}
+
+/// Runs the drive into a folder that must not exist yet.
+fn run(drive: &str, out: &Path, more: &[&str]) -> Output {
+    let output = floorprint(&[&["run", drive, "--out", out.to_str().unwrap()], more].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    output
+}
+
+fn report(folder: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_drive_becomes_a_folder_with_everything_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a folder with spaces");
+    let output = run(&drive(), &out, &["--snapshots", "10"]);
+    assert!(text(&output.stdout).contains("report.html"));
+    for name in [
+        "trajectory.tum",
+        "odometry.tum",
+        "map.pgm",
+        "map.yaml",
+        "map.png",
+        "texture.png",
+        "texture.json",
+        "config.toml",
+        "report.json",
+        "report.html",
+        "snapshots/0000.png",
+        "snapshots/animation.png",
+    ] {
+        assert!(out.join(name).metadata().unwrap().len() > 0, "{name}");
+    }
+    let report = report(&out);
+    assert_eq!(report["partial"], false);
+    assert!(report["errors"]["trajectory"]["translation_m"]["rmse"].as_f64().unwrap() < 0.2);
+    assert!(report["errors"]["map"]["f1"].as_f64().unwrap() > 0.5);
+    let trajectory = fs::read_to_string(out.join("trajectory.tum")).unwrap();
+    assert_eq!(trajectory.lines().count() as u64, report["drive"]["poses"].as_u64().unwrap());
+    let first: Vec<f64> = trajectory.lines().next().unwrap().split(' ').map(|word| word.parse().unwrap()).collect();
+    assert_eq!(first[1..], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], "the first pose is the identity");
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(!page.contains("http://") && !page.contains("https://"), "the page needs no network");
+    assert!(page.trim_end().ends_with("</html>"));
+}
+
+#[test]
+fn the_results_are_the_same_bytes_for_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    for preset in ["default", "seed"] {
+        let runs: Vec<_> = ["1", "2", "8"]
+            .map(|threads| {
+                let out = folder.path().join(format!("{preset}-{threads}"));
+                run(&drive(), &out, &["--threads", threads, "--preset", preset, "--set", "filter.particles=12"]);
+                out
+            })
+            .into();
+        for name in ["trajectory.tum", "odometry.tum", "map.pgm", "map.png", "texture.png", "config.toml"] {
+            let first = fs::read(runs[0].join(name)).unwrap();
+            for other in &runs[1..] {
+                assert!(
+                    first == fs::read(other.join(name)).unwrap(),
+                    "{preset}: {name} differs in {}",
+                    other.display()
+                );
+            }
+        }
+        let without_cost = |out: &Path| {
+            let mut report = report(out);
+            report.as_object_mut().unwrap().remove("cost");
+            report
+        };
+        assert_eq!(without_cost(&runs[0]), without_cost(&runs[1]));
+        assert_eq!(without_cost(&runs[0]), without_cost(&runs[2]));
+    }
+}
+
+#[test]
+fn the_resolved_configuration_repeats_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let (first, second) = (folder.path().join("first"), folder.path().join("second"));
+    run(&drive(), &first, &["--no-texture", "--set", "map.resolution_m=0.1", "--seed", "7"]);
+    run(&drive(), &second, &["--no-texture", "--config", first.join("config.toml").to_str().unwrap()]);
+    for name in ["trajectory.tum", "map.pgm", "config.toml"] {
+        assert!(fs::read(first.join(name)).unwrap() == fs::read(second.join(name)).unwrap(), "{name}");
+    }
+}
+
+#[test]
+fn an_earlier_run_is_replaced_only_when_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    run(&drive(), &out, &["--no-texture"]);
+    let message = failure(&["run", &drive(), "--no-texture", "--out", out.to_str().unwrap()], 1);
+    assert!(message.contains("--force"), "{message}");
+    run(&drive(), &out, &["--no-texture", "--force"]);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside the results");
+}
+
+#[test]
+fn results_are_evaluated_against_the_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    run(&drive(), &out, &[]);
+    let file = |base: &Path, name: &str| base.join(name).display().to_string();
+    let truth = Path::new(&drive()).to_path_buf();
+    let json = |arguments: &[&str]| -> serde_json::Value {
+        let output = floorprint(arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let (estimate, true_file) = (file(&out, "trajectory.tum"), file(&truth, "truth.tum"));
+    let error = json(&["evaluate", "trajectory", "--trajectory", &estimate, "--truth", &true_file, "--json"]);
+    assert_eq!(error["translation_m"], report(&out)["errors"]["trajectory"]["translation_m"]);
+    let (estimate, true_file) = (file(&out, "map.yaml"), file(&truth, "truth_map.yaml"));
+    let quality = json(&["evaluate", "map", "--map", &estimate, "--truth", &true_file, "--json"]);
+    assert_eq!(quality, report(&out)["errors"]["map"]);
+    let (estimate, true_file) = (file(&out, "texture.json"), file(&truth, "truth_texture.json"));
+    let error = json(&["evaluate", "texture", "--texture", &estimate, "--truth", &true_file, "--json"]);
+    assert_eq!(error["mean_absolute_error"], report(&out)["errors"]["texture"]["mean_absolute_error"]);
+}
+
+#[test]
+fn a_drive_without_camera_or_imu_is_solved_and_that_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let poor = folder.path().join("poor");
+    fs::create_dir(&poor).unwrap();
+    for name in ["Encoders1.npz", "Hokuyo1.npz"] {
+        fs::copy(Path::new(&drive()).join(name), poor.join(name)).unwrap();
+    }
+    let out = folder.path().join("out");
+    let output = run(poor.to_str().unwrap(), &out, &[]);
+    let message = text(&output.stderr);
+    assert!(message.contains("IMU") && message.contains("Kinect"), "{message}");
+    assert!(!out.join("texture.png").exists());
+}
+
+#[test]
+fn wrong_and_empty_paths_are_explained() {
+    let message = failure(&["run", "no/such/drive"], 1);
+    assert!(message.contains("no/such/drive"), "{message}");
+    let folder = tempfile::tempdir().unwrap();
+    let empty = folder.path().join("empty.clf");
+    fs::write(&empty, "").unwrap();
+    let out = folder.path().join("out");
+    let message = failure(&["run", empty.to_str().unwrap(), "--out", out.to_str().unwrap()], 1);
+    assert!(message.contains("empty"), "{message}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "a failure leaves nothing behind");
+}
+
+#[test]
+fn misspelt_settings_lead_to_the_right_ones() {
+    let message = failure(&["run", &drive(), "--preset", "defualt"], 2);
+    assert!(message.contains("`default`"), "{message}");
+    let message = failure(&["run", &drive(), "--out", "unused", "--set", "filter.particels=3"], 2);
+    assert!(message.contains("filter.particles"), "{message}");
+    let message = failure(&["run", &drive(), "--out", "unused", "--set", "map.resolution_m=-1"], 2);
+    assert!(message.contains("expected a number > 0"), "{message}");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("my.toml");
+    fs::write(&file, "[filter]\nresampler = \"stratifed\"\n").unwrap();
+    let message = failure(&["config", "show", "--config", file.to_str().unwrap()], 2);
+    assert!(message.contains("my.toml:2") && message.contains("stratified"), "{message}");
+    assert!(failure(&["config", "explain", "particels"], 2).contains("no option"));
+    assert!(failure(&["simulate", "--world", "room", "--out", "unused"], 2).contains("rooms"));
+}
+
+#[test]
+fn the_configuration_is_shown_and_explained() {
+    let shown = text(&floorprint(&["config", "show", "--preset", "seed"]).stdout);
+    assert!(shown.contains("kind = \"shared_map\""), "{shown}");
+    let explained = text(&floorprint(&["config", "explain", "filter.particles"]).stdout);
+    assert!(explained.contains("whole number") && explained.contains("seed"), "{explained}");
+    let schema: serde_json::Value = serde_json::from_slice(&floorprint(&["config", "schema"]).stdout).unwrap();
+    assert!(schema["properties"]["filter"].is_object());
+}
+
+#[test]
+fn a_data_set_is_described() {
+    let info: serde_json::Value = serde_json::from_slice(&floorprint(&["info", &drive(), "--json"]).stdout).unwrap();
+    let sensors: Vec<_> = info["sensors"].as_array().unwrap().iter().map(|s| s["sensor"].as_str().unwrap()).collect();
+    assert_eq!(sensors, ["LiDAR", "encoders", "IMU", "disparity images", "colour images"]);
+    let rate = info["sensors"][0]["rate_hz"].as_f64().unwrap();
+    assert!((rate - 10.0).abs() < 0.1, "{rate}");
+    assert!(text(&floorprint(&["info", &drive()]).stdout).contains("track_width_m"));
+}
+
+#[test]
+fn too_many_dropped_data_have_an_exit_code_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("garbled.clf");
+    let scan = |time: f64| {
+        let ranges = vec!["2.0"; 180].join(" ");
+        format!("FLASER 180 {ranges} 0 0 0 0 0 0 {time} host {time}\n")
+    };
+    let mut content: String = (0..20).map(|index| scan(f64::from(index) * 0.1)).collect();
+    content.push_str(&"FLASER 180 1.0 garbled\n".repeat(10));
+    fs::write(&log, content).unwrap();
+    let out = folder.path().join("out");
+    let arguments = ["run", log.to_str().unwrap(), "--out", out.to_str().unwrap(), "--force"];
+    assert_eq!(floorprint(&arguments).status.code(), Some(3));
+    assert_eq!(report(&out)["dropped"][0]["count"], 10);
+    assert_eq!(floorprint(&[&arguments[..], &["--max-dropped", "0.5"]].concat()).status.code(), Some(0));
+}
+
+#[test]
+fn presets_are_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bench");
+    let output = floorprint(&["bench", &drive(), "--preset", "fast", "--seeds", "2", "--out", out.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("| drive | fast |"));
+    let rows: serde_json::Value = serde_json::from_slice(&fs::read(out.join("bench.json")).unwrap()).unwrap();
+    assert_eq!(rows[0]["runs"].as_array().unwrap().len(), 2);
+    assert!(rows[0]["runs"][1]["translation_m"].as_f64().unwrap() < 0.2);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_what_was_computed_and_marks_it() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    use std::time::{Duration, Instant};
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    // So many particles that the end is far away when the signal comes.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_floorprint"))
+        .args(["run", &drive(), "--preset", "seed", "--set", "filter.particles=20000", "--out"])
+        .arg(&out)
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The handler is set before the folder is made.
+    let started = Instant::now();
+    while fs::read_dir(folder.path()).unwrap().next().is_none() {
+        assert!(started.elapsed() < Duration::from_secs(60), "the run did not start");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), Signal::SIGINT).unwrap();
+    let status = child.wait().unwrap();
+    assert_eq!(status.code(), Some(130));
+    let report = report(&out);
+    assert_eq!(report["partial"], true);
+    assert!(report["drive"]["poses"].as_u64().unwrap() < report["drive"]["scans"].as_u64().unwrap());
+    assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("partial"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_reader_that_has_seen_enough_is_no_failure() {
+    use std::process::Stdio;
+    let mut child = Command::new(env!("CARGO_BIN_EXE_floorprint"))
+        .args(["config", "explain"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
+}
