@@ -22,6 +22,8 @@ pub(crate) const TRAJECTORY: Color = [220, 38, 38];
 
 /// Pixels around the map.
 const MARGIN_PX: usize = 24;
+/// Size of a dot of the scale bar's letters.
+const DOT_PX: usize = 3;
 /// Figures are enlarged by whole factors as long as their longer side stays below this.
 const LONGEST_SIDE_PX: usize = 1600;
 
@@ -154,8 +156,8 @@ impl Figure {
             let glyph = glyph(character);
             for (row, bits) in glyph.iter().enumerate() {
                 for column in (0..3).filter(|column| bits >> (2 - column) & 1 == 1) {
-                    let left = MARGIN_PX + length_px + 8 + index * 8 + column * 2;
-                    self.fill(left, top + row * 2 - 4, 2, 2, OCCUPIED);
+                    let left = MARGIN_PX + length_px + 10 + (index * 4 + column) * DOT_PX;
+                    self.fill(left, top + row * DOT_PX - 2 * DOT_PX, DOT_PX, DOT_PX, OCCUPIED);
                 }
             }
         }

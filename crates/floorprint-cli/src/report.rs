@@ -217,7 +217,7 @@ impl Drive {
             scans: solution.summary.scans,
             poses: poses.len(),
             duration_s: stamps.map_or(0.0, |(first, last)| last.stamp_s - first.stamp_s),
-            length_m: poses.windows(2).map(|pair| pair[0].pose.between(&pair[1].pose).distance()).sum(),
+            length_m: poses.windows(2).fold(0.0, |sum, pair| sum + pair[0].pose.between(&pair[1].pose).distance()),
             odometry: solution.summary.source,
         }
     }
