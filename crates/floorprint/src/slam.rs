@@ -88,12 +88,15 @@ impl Slam {
         })
     }
 
-    /// The map so far.
+    /// The occupancy grid so far. `frames` are the frames that were processed, once more.
+    ///
+    /// The report's filter has drawn its map along the way; the other filter's maps are made for
+    /// matching, so that the grid is drawn along the trajectory that is the best now.
     #[must_use]
-    pub fn map(&self) -> &OccupancyGrid {
+    pub fn map(&self, frames: impl Iterator<Item = Frame>) -> OccupancyGrid {
         match &self.filter {
-            Filter::SharedMap(filter) => filter.map(),
-            Filter::RaoBlackwellized(filter) => filter.map(),
+            Filter::SharedMap(filter) => filter.map().clone(),
+            Filter::RaoBlackwellized(filter) => OccupancyGrid::along(&filter.trajectory(), frames, &self.config.map),
         }
     }
 
@@ -106,18 +109,10 @@ impl Slam {
         }
     }
 
-    /// The final trajectory and map.
-    ///
-    /// `frames` are the frames that were processed, once more: the map is drawn anew along the
-    /// trajectory that the whole drive supports. The report's filter keeps the map it has drawn.
+    /// The final trajectory and map. `frames` are the frames that were processed, once more.
     #[must_use]
     pub fn finish(self, frames: impl Iterator<Item = Frame>, profiler: &mut dyn Profiler) -> SlamResult {
-        let trajectory = self.trajectory();
         profiler.enter(Phase::Map);
-        let map = match self.filter {
-            Filter::SharedMap(filter) => filter.map().clone(),
-            Filter::RaoBlackwellized(_) => OccupancyGrid::along(&trajectory, frames, &self.config.map),
-        };
-        SlamResult { trajectory, map }
+        SlamResult { trajectory: self.trajectory(), map: self.map(frames) }
     }
 }

@@ -8,7 +8,7 @@ use super::{FilterConfig, FilterStep};
 use crate::Config;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::map::{OccupancyGrid, SurfaceMap};
+use crate::map::SurfaceMap;
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
@@ -39,8 +39,6 @@ pub struct RaoBlackwellizedFilter {
     motion: MotionConfig,
     matcher: MatcherConfig,
     particles: Vec<Particle>,
-    /// The map for people: drawn along the way by the best particle.
-    map: OccupancyGrid,
     steps: u64,
 }
 
@@ -63,7 +61,6 @@ impl RaoBlackwellizedFilter {
             motion: config.motion.clone(),
             matcher: config.matcher.clone(),
             particles: vec![particle; count],
-            map: OccupancyGrid::new(&config.map),
             steps: 0,
         }
     }
@@ -92,7 +89,6 @@ impl RaoBlackwellizedFilter {
         profiler.enter(Phase::Map);
         let pose = self.particles[best].pose;
         if due {
-            self.map.add_scan(&pose, &frame.scan, &mut Vec::new());
             self.particles.par_iter_mut().for_each(|particle| particle.write(&scan));
         }
         for particle in &mut self.particles {
@@ -153,12 +149,6 @@ impl RaoBlackwellizedFilter {
             particle.log_weight = -(weights.len() as f64).ln();
         }
         self.particles = chosen.into_iter().map(|index| self.particles[index].clone()).collect();
-    }
-
-    /// The map as drawn so far by the best particle of each step.
-    #[must_use]
-    pub fn map(&self) -> &OccupancyGrid {
-        &self.map
     }
 
     /// The trajectory of the best particle.

@@ -27,9 +27,10 @@ const CONTRADICTIONS_PER_HIT: f32 = 0.75;
 pub struct Surface {
     /// Mean of the end points, metres, world.
     pub mean_m: [f32; 2],
-    /// Mean of the unit normals that point to where the surface was seen from. Its length
-    /// says how flat the surface is: 1 a wall, 0 no direction at all.
+    /// Unit normal that points to where the surface was seen from.
     pub normal: [f32; 2],
+    /// How flat the surface is: 1 a wall, 0 without any direction.
+    pub flatness: f32,
     /// How often the surface was hit (up to a limit).
     hits: f32,
     /// How often a ray went through it.
@@ -165,12 +166,22 @@ impl SurfaceMap {
             surface.hits = (surface.hits + 1.0).min(MEMORY_HITS);
             surface.contradictions = (surface.contradictions - 0.25).max(0.0);
             let gain = 1.0 / surface.hits;
+            let mut mean_normal = surface.normal.map(|n| n * surface.flatness);
             for axis in 0..2 {
                 surface.mean_m[axis] += gain * (point[axis] - surface.mean_m[axis]);
-                surface.normal[axis] += gain * (normal[axis] - surface.normal[axis]);
+                mean_normal[axis] += gain * (normal[axis] - mean_normal[axis]);
             }
+            (surface.normal, surface.flatness) = direction_and_length(mean_normal);
         } else {
-            tile.surfaces.push(Surface { mean_m: point, normal, hits: 1.0, contradictions: 0.0, cell: index as u16 });
+            let (normal, flatness) = direction_and_length(normal);
+            tile.surfaces.push(Surface {
+                mean_m: point,
+                normal,
+                flatness,
+                hits: 1.0,
+                contradictions: 0.0,
+                cell: index as u16,
+            });
             tile.slot[index] = tile.surfaces.len() as u16;
             self.announce(cell);
         }
@@ -272,6 +283,12 @@ impl SurfaceMap {
     }
 }
 
+/// A vector's direction and its length; any direction for a vector that has none.
+fn direction_and_length([x, y]: [f32; 2]) -> ([f32; 2], f32) {
+    let length = (x * x + y * y).sqrt();
+    if length < 1e-6 { ([1.0, 0.0], 0.0) } else { ([x / length, y / length], length) }
+}
+
 fn square_length(offset: [i8; 2]) -> i32 {
     i32::from(offset[0]).pow(2) + i32::from(offset[1]).pow(2)
 }
@@ -344,9 +361,8 @@ impl Horizon {
             return false;
         }
         let [nx, ny] = surface.normal;
-        let flatness = nx.hypot(ny);
         // Cosine between the ray and the plane's normal.
-        let slant = if flatness > 0.3 { -(nx * dx + ny * dy) / (distance * flatness) } else { 1.0 };
+        let slant = if surface.flatness > 0.3 { -(nx * dx + ny * dy) / distance } else { 1.0 };
         beyond * slant > CONTRADICTION_DEPTH_M
     }
 }

@@ -21,9 +21,9 @@ pub struct MatcherConfig {
     pub sigma_m: f64,
     /// Standard deviation of a point's distance from a surface without direction, metres.
     pub rough_sigma_m: f64,
-    /// Scale of the robust weights in the first half of the steps, standard deviations.
+    /// Scale of the robust weights during the approach, standard deviations.
     pub wide_gate_sigmas: f64,
-    /// Scale of the robust weights in the second half of the steps, standard deviations.
+    /// Scale of the robust weights once the scan lies about right, standard deviations.
     pub gate_sigmas: f64,
     /// Points beyond this number no longer add certainty: their errors are not independent.
     pub independent_points: f64,

@@ -6,7 +6,7 @@
 
 use super::{MatcherConfig, SurfaceScan};
 use crate::geometry::{Pose2, wrap_angle};
-use crate::map::{Surface, SurfaceMap};
+use crate::map::SurfaceMap;
 use nalgebra::{Matrix3, Vector3};
 
 /// A Gaussian belief about a pose: the mean, and the information matrix over (x, y, θ) in the
@@ -37,8 +37,8 @@ pub struct MatchResult {
 pub fn match_scan(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> MatchResult {
     let mut pose = prior.pose;
     let mut last = Linearisation::default();
-    for iteration in 0..config.iterations {
-        let gate = if iteration < config.iterations / 2 { config.wide_gate_sigmas } else { config.gate_sigmas };
+    let mut gate = config.wide_gate_sigmas;
+    for _ in 0..config.iterations {
         last = linearise(map, scan, &pose, gate, config);
         let offset =
             Vector3::new(pose.x - prior.pose.x, pose.y - prior.pose.y, wrap_angle(pose.theta - prior.pose.theta));
@@ -46,8 +46,13 @@ pub fn match_scan(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, conf
         let gradient = last.gradient + prior.information * offset;
         let Some(step) = information.cholesky().map(|factor| -factor.solve(&gradient)) else { break };
         pose = Pose2::new(pose.x + step.x, pose.y + step.y, pose.theta + step.z);
-        if step.x.hypot(step.y) < config.stop_step_m && step.z.abs() < config.stop_step_rad {
+        let (step_m, step_rad) = (step.x.hypot(step.y), step.z.abs());
+        if step_m < config.stop_step_m && step_rad < config.stop_step_rad && gate == config.gate_sigmas {
             break;
+        }
+        // Once the scan lies about right, points that do not fit are no longer worth following.
+        if step_m < NEAR_STEP_M && step_rad < NEAR_STEP_RAD {
+            gate = config.gate_sigmas;
         }
     }
     MatchResult {
@@ -89,7 +94,8 @@ fn linearise(
             log_likelihood += OUTLIER_LOG_LIKELIHOOD;
             continue;
         };
-        let (nx, ny, flatness) = direction(surface);
+        let [nx, ny] = surface.normal.map(f64::from);
+        let flatness = f64::from(surface.flatness);
         let (scan_nx, scan_ny) = (f64::from(normal[0]), f64::from(normal[1]));
         // Both sides of a thin wall are surfaces; a point belongs to the one that faces the robot.
         let facing = (cos * scan_nx - sin * scan_ny) * nx + (sin * scan_nx + cos * scan_ny) * ny;
@@ -135,13 +141,8 @@ fn linearise(
     }
 }
 
+/// Steps smaller than these, metres and radians, are taken for the last ones of the approach.
+const NEAR_STEP_M: f64 = 0.01;
+const NEAR_STEP_RAD: f64 = 0.005;
 /// What a point that lies on nothing known adds to the log-likelihood.
 const OUTLIER_LOG_LIKELIHOOD: f64 = -4.5;
-
-/// Unit normal and flatness of a surface.
-#[inline]
-fn direction(surface: &Surface) -> (f64, f64, f64) {
-    let (nx, ny) = (f64::from(surface.normal[0]), f64::from(surface.normal[1]));
-    let length = (nx * nx + ny * ny).sqrt();
-    if length < 1e-6 { (1.0, 0.0, 0.0) } else { (nx / length, ny / length, length) }
-}

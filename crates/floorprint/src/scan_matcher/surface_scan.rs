@@ -70,7 +70,7 @@ impl SurfaceScan {
         self.points_m.is_empty()
     }
 
-    /// Each point (metres) with its normal; see [`crate::map::Surface::normal`] for its length.
+    /// Each point (metres) with its normal, whose length says how flat the surface is (1 a wall, 0 no direction).
     pub fn iter(&self) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
         self.points_m.iter().copied().zip(self.normals.iter().copied())
     }
