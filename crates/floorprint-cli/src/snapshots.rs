@@ -4,6 +4,7 @@
 use crate::figure::{DEAD_RECKONING, Figure, TRAJECTORY};
 use anyhow::Context as _;
 use floorprint::map::{Occupancy, Raster};
+use floorprint::odometry::Frames;
 use floorprint::{Slam, StepReport};
 use floorprint_io::{Picture, write_animated_png, write_png};
 use std::fs;
@@ -33,10 +34,10 @@ impl Snapshots {
     }
 
     /// Keeps the map when the next picture is due.
-    pub(crate) fn observe(&mut self, slam: &Slam, steps: &[StepReport]) {
+    pub(crate) fn observe(&mut self, slam: &Slam, frames: &Frames<'_>, steps: &[StepReport]) {
         let Some(now) = steps.last() else { return };
         let due = self.moments.last().is_none_or(|last| now.stamp_s >= last.stamp_s + self.every_s);
-        if due && let Some(map) = slam.map().to_raster() {
+        if due && let Some(map) = slam.map(frames.iter().take(steps.len())).to_raster() {
             self.moments.push(Moment { stamp_s: now.stamp_s, map, steps: steps.len() });
         }
     }

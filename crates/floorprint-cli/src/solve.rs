@@ -86,7 +86,7 @@ pub(crate) fn solve(
                 Err(error) => *refused.entry(error.to_string()).or_default() += 1,
             }
             if let Some(snapshots) = &mut around.snapshots {
-                snapshots.observe(&slam, &steps);
+                snapshots.observe(&slam, &frames, &steps);
             }
         }
         positions += 1;
@@ -95,7 +95,7 @@ pub(crate) fn solve(
     progress.finish_and_clear();
 
     let mut partial = positions < frames.len();
-    let result = slam.finish((0..positions).filter_map(|position| frames.frame(position)), around.profiler);
+    let result = slam.finish(|| frames.iter().take(positions), around.profiler);
     let floor = match (&data_set.images, &config.robot.camera) {
         (Some(images), Some(_)) if paint_floor && !partial => {
             around.profiler.enter(Phase::Texture);

@@ -16,6 +16,7 @@ pub use options::{Choice, ConfigOption, Kind, Range, find_options, json_schema, 
 pub use preset::Preset;
 
 use crate::filter::FilterConfig;
+use crate::loop_closure::LoopClosureConfig;
 use crate::map::MapConfig;
 use crate::motion_model::MotionConfig;
 use crate::odometry::{OdometryConfig, ScanConfig};
@@ -46,6 +47,8 @@ pub struct Config {
     pub matcher: MatcherConfig,
     /// The particle filter.
     pub filter: FilterConfig,
+    /// Closing loops.
+    pub loop_closure: LoopClosureConfig,
     /// The floor texture.
     pub texture: TextureConfig,
 }

@@ -9,6 +9,7 @@ pub mod evaluation;
 pub mod filter;
 mod frame;
 pub mod geometry;
+pub mod loop_closure;
 pub mod map;
 pub mod motion_model;
 pub mod odometry;

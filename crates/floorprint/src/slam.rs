@@ -4,6 +4,7 @@ use crate::Config;
 use crate::filter::{FilterKind, FilterStep, RaoBlackwellizedFilter, SharedMapFilter};
 use crate::frame::Frame;
 use crate::geometry::Pose2;
+use crate::loop_closure::{ClosureReport, close_loops, corrected_poses, map_of, refine};
 use crate::map::OccupancyGrid;
 use crate::profiler::{Phase, Profiler};
 use crate::sensors::StampedPose;
@@ -55,6 +56,8 @@ pub struct SlamResult {
     pub trajectory: Vec<StampedPose>,
     /// The occupancy grid.
     pub map: OccupancyGrid,
+    /// Every comparison of two places, and what became of it.
+    pub closures: Vec<ClosureReport>,
 }
 
 impl Slam {
@@ -110,9 +113,36 @@ impl Slam {
     }
 
     /// The final trajectory and map. `frames` are the frames that were processed, once more.
+    ///
+    /// Here loops are closed: the drive is put right by places recognised again, every scan is
+    /// fitted to the map of all of them, and the grid is drawn along the result.
     #[must_use]
-    pub fn finish(self, frames: impl Iterator<Item = Frame>, profiler: &mut dyn Profiler) -> SlamResult {
+    pub fn finish<I: Iterator<Item = Frame>>(self, frames: impl Fn() -> I, profiler: &mut dyn Profiler) -> SlamResult {
+        let (mut trajectory, mut closures) = (self.trajectory(), Vec::new());
+        let filter = match self.filter {
+            Filter::RaoBlackwellized(filter) if self.config.loop_closure.enabled => filter,
+            _ => {
+                profiler.enter(Phase::Map);
+                return SlamResult { map: self.map(frames()), trajectory, closures };
+            }
+        };
+        profiler.enter(Phase::LoopClosure);
+        let key_scans = filter.key_scans();
+        drop(filter);
+        let (options, matcher) = (&self.config.loop_closure, &self.config.matcher);
+        let closed = close_loops(&key_scans, options, matcher);
+        let poses: Vec<Pose2> = trajectory.iter().map(|stamped| stamped.pose).collect();
+        let mut poses = corrected_poses(&poses, &key_scans, &closed);
+        for _ in 0..options.refinements {
+            poses = refine(&map_of(&key_scans, &poses, matcher.cell_m), frames(), &poses, matcher);
+        }
+        let start = poses.first().copied().unwrap_or(Pose2::IDENTITY);
+        for (stamped, pose) in trajectory.iter_mut().zip(&poses) {
+            stamped.pose = start.between(pose);
+        }
+        closures.extend(closed.closures);
         profiler.enter(Phase::Map);
-        SlamResult { trajectory: self.trajectory(), map: self.map(frames) }
+        let map = OccupancyGrid::along(&trajectory, frames(), &self.config.map);
+        SlamResult { trajectory, map, closures }
     }
 }

@@ -8,15 +8,18 @@ use super::{FilterConfig, FilterStep};
 use crate::Config;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
+use crate::loop_closure::KeyScan;
 use crate::map::SurfaceMap;
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
 use crate::scan_matcher::{MatchResult, MatcherConfig, PoseBelief, SurfaceScan, locate};
 use crate::sensors::StampedPose;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// One hypothesis: where the robot is, how it got there, and what the world then looks like.
 #[derive(Debug, Clone)]
@@ -29,6 +32,10 @@ struct Particle {
     last_motion: Pose2,
     /// Where the last scan was written into the map.
     last_written: Option<Pose2>,
+    /// The scans that the map is made of, where the map is to forget older ones.
+    written: VecDeque<(Pose2, Arc<SurfaceScan>)>,
+    /// Path since the oldest scan in the map, metres.
+    mapped_m: f64,
 }
 
 /// N particles, each with a map of its own.
@@ -39,6 +46,12 @@ pub struct RaoBlackwellizedFilter {
     motion: MotionConfig,
     matcher: MatcherConfig,
     particles: Vec<Particle>,
+    /// Length of the path that the maps remember, metres; unlimited where loops are not closed later.
+    window_m: f64,
+    /// The scans that went into the maps; all particles write the same ones.
+    key_scans: Vec<KeyScan>,
+    /// The largest covariance of the poses since the last of them.
+    doubt: Matrix3<f64>,
     steps: u64,
 }
 
@@ -54,6 +67,8 @@ impl RaoBlackwellizedFilter {
             trail: Trail::default(),
             last_motion: Pose2::IDENTITY,
             last_written: None,
+            written: VecDeque::new(),
+            mapped_m: 0.0,
         };
         Self {
             seed: config.seed,
@@ -61,6 +76,9 @@ impl RaoBlackwellizedFilter {
             motion: config.motion.clone(),
             matcher: config.matcher.clone(),
             particles: vec![particle; count],
+            window_m: if config.loop_closure.enabled { config.loop_closure.window_m } else { f64::INFINITY },
+            key_scans: Vec::new(),
+            doubt: Matrix3::zeros(),
             steps: 0,
         }
     }
@@ -68,7 +86,7 @@ impl RaoBlackwellizedFilter {
     /// One step: predict, match, weigh, resample, map.
     pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
         profiler.enter(Phase::Match);
-        let scan = SurfaceScan::new(&frame.scan, self.matcher.point_spacing_m);
+        let scan = Arc::new(SurfaceScan::new(&frame.scan, self.matcher.point_spacing_m));
         let matches: Vec<Option<Fit>> = self
             .particles
             .par_iter_mut()
@@ -86,10 +104,21 @@ impl RaoBlackwellizedFilter {
         let best = heaviest(&weights);
         let resampled = due && effective_particles < self.config.resample_below * self.particles.len() as f64;
 
+        if let Some(fit) = &matches[best] {
+            self.doubt = larger(self.doubt, fit.covariance());
+        }
         profiler.enter(Phase::Map);
         let pose = self.particles[best].pose;
         if due {
-            self.particles.par_iter_mut().for_each(|particle| particle.write(&scan));
+            let (window_m, cell_m) = (self.window_m, self.matcher.cell_m);
+            let carve = self.key_scans.len().is_multiple_of(CARVE_EVERY);
+            self.particles.par_iter_mut().for_each(|particle| particle.write(&scan, carve, window_m, cell_m));
+            self.key_scans.push(KeyScan {
+                position: self.steps as usize,
+                pose,
+                covariance: std::mem::take(&mut self.doubt),
+                scan: Arc::clone(&scan),
+            });
         }
         for particle in &mut self.particles {
             particle.trail.push(StampedPose { stamp_s: frame.stamp_s, pose: particle.pose });
@@ -151,6 +180,13 @@ impl RaoBlackwellizedFilter {
         self.particles = chosen.into_iter().map(|index| self.particles[index].clone()).collect();
     }
 
+    /// The scans that went into the map, at the poses of the best particle.
+    #[must_use]
+    pub fn key_scans(&self) -> Vec<KeyScan> {
+        let poses = self.trajectory();
+        self.key_scans.iter().map(|scan| KeyScan { pose: poses[scan.position].pose, ..scan.clone() }).collect()
+    }
+
     /// The trajectory of the best particle.
     #[must_use]
     pub fn trajectory(&self) -> Vec<StampedPose> {
@@ -158,6 +194,19 @@ impl RaoBlackwellizedFilter {
         self.particles[heaviest(&weights)].trail.poses()
     }
 }
+
+/// Of two covariances the one with the larger trace.
+fn larger(a: Matrix3<f64>, b: Matrix3<f64>) -> Matrix3<f64> {
+    if b.trace() > a.trace() { b } else { a }
+}
+
+/// One in this many written scans is used to clear away what is no longer there.
+const CARVE_EVERY: usize = 3;
+/// A pose is in doubt where less than this share of its scan lies on the map.
+const DOUBTFUL_INLIER_SHARE: f64 = 0.6;
+/// How far a pose in doubt may be off: standard deviations, metres and radians.
+const BLUNDER_SIGMA_M: f64 = 0.3;
+const BLUNDER_SIGMA_RAD: f64 = 0.15;
 
 /// How a particle's scan fitted its map.
 #[derive(Debug, Clone, Copy)]
@@ -169,6 +218,20 @@ struct Fit {
 }
 
 impl Fit {
+    /// How uncertain the pose is. Where scan and odometry disagreed, or little of the scan lay on
+    /// the map, the optimum may be a wrong one, and its curvature says nothing.
+    fn covariance(&self) -> Matrix3<f64> {
+        let doubtful = self.odometry_rejected || self.result.inlier_share < DOUBTFUL_INLIER_SHARE;
+        let blunder = if doubtful {
+            Matrix3::from_diagonal(
+                &[BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_RAD.powi(2)].into(),
+            )
+        } else {
+            Matrix3::zeros()
+        };
+        self.result.belief.information.try_inverse().unwrap_or_else(Matrix3::zeros) + blunder
+    }
+
     /// Logarithm of ∫ p(scan | pose) p(pose | odometry) dpose, by Laplace's method around the optimum.
     fn log_evidence(&self, points: f64) -> f64 {
         let offset = Vector3::new(
@@ -212,8 +275,27 @@ impl Particle {
         })
     }
 
-    fn write(&mut self, scan: &SurfaceScan) {
+    /// Writes the scan into the map. A map that has grown too long a past is made anew from the younger half of it.
+    fn write(&mut self, scan: &Arc<SurfaceScan>, carve: bool, window_m: f64, cell_m: f64) {
+        if carve {
+            self.map.carve(&self.pose, scan);
+        }
         self.map.add_scan(&self.pose, scan);
+        self.mapped_m += self.last_written.map_or(0.0, |last| last.between(&self.pose).distance());
         self.last_written = Some(self.pose);
+        if window_m.is_infinite() {
+            return;
+        }
+        self.written.push_back((self.pose, Arc::clone(scan)));
+        if self.mapped_m > window_m {
+            while self.mapped_m > 0.5 * window_m && self.written.len() > 1 {
+                let Some((oldest, _)) = self.written.pop_front() else { break };
+                self.mapped_m -= oldest.between(&self.written[0].0).distance();
+            }
+            self.map = SurfaceMap::new(cell_m);
+            for (pose, scan) in &self.written {
+                self.map.add_scan(pose, scan);
+            }
+        }
     }
 }

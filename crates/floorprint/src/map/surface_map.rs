@@ -20,7 +20,8 @@ const CARVE_REACH_M: f64 = 15.0;
 /// A ray contradicts a surface when it ends at least this far behind it, metres.
 const CONTRADICTION_DEPTH_M: f32 = 0.20;
 /// A surface is given up when it was contradicted this many times for each time it was hit.
-const CONTRADICTIONS_PER_HIT: f32 = 0.75;
+/// Fewer than one: not every scan that is written is also used for carving.
+const CONTRADICTIONS_PER_HIT: f32 = 0.3;
 
 /// A piece of surface in one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,23 +105,28 @@ impl SurfaceMap {
         tile.surfaces.get(usize::from(tile.slot[index_in_tile(cell)]).wrapping_sub(1))
     }
 
-    /// Writes a scan taken at `world_from_body`: surfaces that its rays went through lose
-    /// trust, its end points found or sharpen surfaces.
+    /// Writes a scan taken at `world_from_body`: its end points found or sharpen surfaces.
     pub fn add_scan(&mut self, world_from_body: &Pose2, scan: &SurfaceScan) {
-        let (sin, cos) = world_from_body.theta.sin_cos();
-        let rotate = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];
-        let origin = world_from_body.transform_point(scan.origin_m);
-        let world_points: Vec<([f64; 2], [f32; 2])> = scan
-            .iter()
-            .map(|(point, normal)| {
-                let [x, y] = rotate(point.map(f64::from));
-                let [nx, ny] = rotate(normal.map(f64::from));
-                ([x + world_from_body.x, y + world_from_body.y], [nx as f32, ny as f32])
-            })
-            .collect();
-        self.contradict(origin, &Horizon::new(origin, world_points.iter().map(|(point, _)| *point)));
-        for &(point, normal) in &world_points {
+        for (point, normal) in in_world(world_from_body, scan) {
             self.add_hit(point, normal);
+        }
+    }
+
+    /// Takes away what a scan taken at `world_from_body` saw through: people who have walked on,
+    /// doors that were opened.
+    pub fn carve(&mut self, world_from_body: &Pose2, scan: &SurfaceScan) {
+        let origin = world_from_body.transform_point(scan.origin_m);
+        self.contradict(origin, &Horizon::new(origin, in_world(world_from_body, scan).map(|(point, _)| point)));
+    }
+
+    /// Writes the surfaces of another map, seen in this one at `world_from_other`, each as one hit.
+    pub fn add_surfaces(&mut self, world_from_other: &Pose2, other: &Self) {
+        let (sin, cos) = world_from_other.theta.sin_cos();
+        let (sin, cos) = (sin as f32, cos as f32);
+        for surface in other.surfaces() {
+            let point = world_from_other.transform_point(surface.mean_m.map(f64::from));
+            let [nx, ny] = surface.normal.map(|n| n * surface.flatness);
+            self.add_hit(point, [cos * nx - sin * ny, sin * nx + cos * ny]);
         }
     }
 
@@ -190,18 +196,22 @@ impl SurfaceMap {
     /// Tells the cells around `cell` that it holds a surface.
     fn announce(&mut self, cell: Cell) {
         for dy in -REACH_CELLS..=REACH_CELLS {
-            for dx in -REACH_CELLS..=REACH_CELLS {
-                let square = dx * dx + dy * dy;
-                if square > REACH_CELLS * REACH_CELLS {
-                    continue;
+            let half_width = HALF_WIDTH[dy.unsigned_abs() as usize];
+            let y = cell.y + dy;
+            let (mut x, last) = (cell.x - half_width, cell.x + half_width);
+            while x <= last {
+                // One look-up for all cells of the row that lie in the same tile.
+                let at = tile_of(Cell { x, y });
+                let end = last.min((at.x << TILE_BITS) + TILE_SIDE - 1);
+                let tile = self.tiles.tile_mut(at);
+                for x in x..=end {
+                    let dx = x - cell.x;
+                    let nearest = &mut tile.nearest[index_in_tile(Cell { x, y })];
+                    if *nearest == NONE || square_length(*nearest) > dx * dx + dy * dy {
+                        *nearest = [-dx as i8, -dy as i8];
+                    }
                 }
-                let near = Cell { x: cell.x + dx, y: cell.y + dy };
-                let index = index_in_tile(near);
-                let at = tile_of(near);
-                let known = self.tiles.tile(at).map_or(NONE, |tile| tile.nearest[index]);
-                if known == NONE || square_length(known) > square {
-                    self.tiles.tile_mut(at).nearest[index] = [-dx as i8, -dy as i8];
-                }
+                x = end + 1;
             }
         }
     }
@@ -283,6 +293,20 @@ impl SurfaceMap {
     }
 }
 
+/// A scan's points (metres) and normals in the world.
+fn in_world(world_from_body: &Pose2, scan: &SurfaceScan) -> impl Iterator<Item = ([f64; 2], [f32; 2])> {
+    let Pose2 { x, y, theta } = *world_from_body;
+    let (sin, cos) = theta.sin_cos();
+    scan.iter().map(move |(point, normal)| {
+        let [px, py] = point.map(f64::from);
+        let [nx, ny] = normal.map(f64::from);
+        (
+            [x + cos * px - sin * py, y + sin * px + cos * py],
+            [(cos * nx - sin * ny) as f32, (sin * nx + cos * ny) as f32],
+        )
+    })
+}
+
 /// A vector's direction and its length; any direction for a vector that has none.
 fn direction_and_length([x, y]: [f32; 2]) -> ([f32; 2], f32) {
     let length = (x * x + y * y).sqrt();
@@ -292,6 +316,19 @@ fn direction_and_length([x, y]: [f32; 2]) -> ([f32; 2], f32) {
 fn square_length(offset: [i8; 2]) -> i32 {
     i32::from(offset[0]).pow(2) + i32::from(offset[1]).pow(2)
 }
+
+/// For each row of the disc of cells within reach how far it extends to either side.
+static HALF_WIDTH: [i32; (REACH_CELLS + 1) as usize] = {
+    let mut table = [0; (REACH_CELLS + 1) as usize];
+    let mut row = 0;
+    while row <= REACH_CELLS {
+        while (table[row as usize] + 1) * (table[row as usize] + 1) + row * row <= REACH_CELLS * REACH_CELLS {
+            table[row as usize] += 1;
+        }
+        row += 1;
+    }
+    table
+};
 
 /// Proximity by squared distance in cells.
 static PROXIMITY: [f32; (REACH_CELLS * REACH_CELLS + 1) as usize] = {

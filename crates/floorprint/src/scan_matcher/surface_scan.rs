@@ -1,6 +1,8 @@
 //! A scan's points with the normals of the surfaces they lie on.
 
 use crate::frame::BodyScan;
+use crate::geometry::Pose2;
+use crate::map::Surface;
 
 /// Neighbours within this distance along the scan share a normal, metres.
 const NEIGHBOURHOOD_M: f32 = 0.12;
@@ -56,6 +58,28 @@ impl SurfaceScan {
             result.normals.push(sums.normal(begin, end, [origin_x - x, origin_y - y]));
         }
         result
+    }
+
+    /// The surfaces of a map as if they had been seen from one place.
+    #[must_use]
+    pub fn from_surfaces<'a>(origin_m: [f64; 2], surfaces: impl Iterator<Item = &'a Surface>) -> Self {
+        let (points_m, normals) =
+            surfaces.map(|surface| (surface.mean_m, surface.normal.map(|n| n * surface.flatness))).unzip();
+        Self { origin_m, points_m, normals }
+    }
+
+    /// The same points as seen from another frame, given that frame's pose in this one.
+    #[must_use]
+    pub fn seen_from(&self, pose: &Pose2) -> Self {
+        let inverse = pose.inverse();
+        let (sin, cos) = (inverse.theta.sin() as f32, inverse.theta.cos() as f32);
+        let move_point = |point: &[f32; 2]| inverse.transform_point(point.map(f64::from)).map(|v| v as f32);
+        let turn = |[x, y]: &[f32; 2]| [cos * x - sin * y, sin * x + cos * y];
+        Self {
+            origin_m: inverse.transform_point(self.origin_m),
+            points_m: self.points_m.iter().map(move_point).collect(),
+            normals: self.normals.iter().map(turn).collect(),
+        }
     }
 
     /// Number of points.

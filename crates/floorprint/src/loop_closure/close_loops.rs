@@ -1,0 +1,339 @@
+//! Finds the places that a drive passes more than once and ties them together.
+//!
+//! The drive is cut into submaps (Hess et al. 2016). Each is compared with the older ones that
+//! may lie near it, within the region that the drift since then allows; what fits both ways
+//! becomes a factor of the pose graph, with the certainty that the surfaces give: along a bare
+//! corridor none.
+
+use super::submap::{Submap, as_one_scan};
+use super::{KeyScan, LoopClosureConfig};
+use crate::geometry::{Pose2, wrap_angle};
+use crate::map::SurfaceMap;
+use crate::pose_graph::{BetweenFactor, Optimizer, OptimizerConfig, PoseGraph, PriorFactor, RobustKernel};
+use crate::scan_matcher::{MatchResult, MatcherConfig, PoseBelief, SearchWindow, SurfaceScan, match_scan, search};
+use nalgebra::Matrix3;
+use std::collections::BTreeSet;
+
+/// A comparison of two submaps, for the report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClosureReport {
+    /// The older submap.
+    pub older: usize,
+    /// The newer submap.
+    pub newer: usize,
+    /// Path between their starts, metres.
+    pub path_m: f64,
+    /// How far the newer one was moved against where it was thought to be, metres.
+    pub correction_m: f64,
+    /// The same in heading, radians.
+    pub correction_rad: f64,
+    /// Share of the newer one's surfaces that lie on the older one's, and the other way round.
+    pub inlier_shares: [f64; 2],
+    /// Whether it became a factor of the graph.
+    pub verdict: Verdict,
+}
+
+/// What became of a candidate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// Tied together.
+    Accepted,
+    /// Too little of the newer submap fits the older.
+    DoesNotFit,
+    /// The older submap does not fit the newer.
+    DoesNotFitBack,
+    /// The match lies where the drift cannot have taken the robot.
+    OutOfReach,
+}
+
+/// The drive put right.
+#[derive(Debug, Clone)]
+pub struct ClosedLoops {
+    /// The submaps.
+    pub submaps: Vec<Submap>,
+    /// World from submap, after the optimisation.
+    pub world_from_submap: Vec<Pose2>,
+    /// Every comparison.
+    pub closures: Vec<ClosureReport>,
+}
+
+/// Ties together what belongs together.
+#[must_use]
+pub fn close_loops(key_scans: &[KeyScan], config: &LoopClosureConfig, matcher: &MatcherConfig) -> ClosedLoops {
+    let submaps = Submap::cut(key_scans, config.submap_length_m);
+    let mut search = Search {
+        key_scans,
+        config,
+        matcher,
+        submaps: &submaps,
+        surfaces: vec![None; submaps.len()],
+        contexts: vec![None; submaps.len()],
+    };
+    let mut graph = chain(&submaps, key_scans, config);
+    let mut optimizer = Optimizer::new(OptimizerConfig::default());
+    let mut closures = Vec::new();
+    for newer in 0..submaps.len() {
+        let mut tied = false;
+        let path_m = paths_in_graph(&graph, &submaps, newer);
+        for older in search.candidates(newer, graph.poses(), &path_m) {
+            let (report, factor) = search.compare(older, newer, graph.poses(), path_m[older]);
+            closures.push(report);
+            if let Some(factor) = factor {
+                tied |= graph.add_between(factor).is_ok();
+            }
+        }
+        if tied {
+            // A graph that cannot be solved keeps its estimates: the chain alone always can.
+            let _ = optimizer.optimize(&mut graph);
+        }
+    }
+    let world_from_submap = graph.poses().to_vec();
+    ClosedLoops { submaps, world_from_submap, closures }
+}
+
+/// The graph of the front end alone: each submap tied to the one before.
+fn chain(submaps: &[Submap], key_scans: &[KeyScan], config: &LoopClosureConfig) -> PoseGraph {
+    let mut graph = PoseGraph::default();
+    for (index, submap) in submaps.iter().enumerate() {
+        graph.add_node(submap.front_end_from_submap);
+        if index == 0 {
+            let prior = PriorFactor {
+                node: 0,
+                world_from_node: submap.front_end_from_submap,
+                information: Matrix3::identity() * 1e8,
+            };
+            let _ = graph.add_prior(prior);
+            continue;
+        }
+        let before = &submaps[index - 1];
+        let path_m = (submap.path_m - before.path_m).max(0.1);
+        let variance_m2 = config.drift_sigma_m.powi(2) * path_m;
+        let variance_rad2 = config.drift_sigma_rad.powi(2) * path_m;
+        // Where a scan alone could not tell (a bare corridor) the doubt of the match itself is larger.
+        let worst = key_scans[before.key_scans.start..=submap.key_scans.start].iter().map(|scan| scan.covariance).fold(
+            Matrix3::zeros(),
+            |worst, covariance| if covariance.trace() > worst.trace() { covariance } else { worst },
+        );
+        let floor = Matrix3::from_diagonal(&[variance_m2, variance_m2, variance_rad2].into());
+        let covariance = floor + in_frame_of(&worst, &submap.front_end_from_submap);
+        let factor = BetweenFactor {
+            from: index - 1,
+            to: index,
+            from_from_to: before.front_end_from_submap.between(&submap.front_end_from_submap),
+            information: covariance.try_inverse().unwrap_or_else(Matrix3::identity),
+            kernel: RobustKernel::Quadratic,
+            weight: 1.0,
+        };
+        let _ = graph.add_between(factor);
+    }
+    graph
+}
+
+/// How far the drift between `newer` and each older submap can have grown, as metres of path: along the
+/// graph, where closures are short cuts (Dijkstra 1959; submaps are few).
+fn paths_in_graph(graph: &PoseGraph, submaps: &[Submap], newer: usize) -> Vec<f64> {
+    let mut neighbours = vec![Vec::new(); newer + 1];
+    for factor in graph.between_factors().iter().filter(|factor| factor.from <= newer && factor.to <= newer) {
+        let step_m = if factor.to == factor.from + 1 {
+            submaps[factor.to].path_m - submaps[factor.from].path_m
+        } else {
+            CLOSURE_PATH_M
+        };
+        neighbours[factor.from].push((factor.to, step_m));
+        neighbours[factor.to].push((factor.from, step_m));
+    }
+    let mut path_m = vec![f64::INFINITY; newer + 1];
+    let mut queue = BTreeSet::from([(0_u64, newer)]);
+    path_m[newer] = 0.0;
+    while let Some((_, here)) = queue.pop_first() {
+        for &(next, step_m) in &neighbours[here] {
+            let reached_m = path_m[here] + step_m;
+            if reached_m < path_m[next] {
+                path_m[next] = reached_m;
+                // Positive floats sort like their bits.
+                queue.insert((reached_m.to_bits(), next));
+            }
+        }
+    }
+    path_m
+}
+
+/// A closure is worth about as much as this much path without drift, metres.
+const CLOSURE_PATH_M: f64 = 1.0;
+
+/// A covariance over (x, y, θ) in the world's axes, turned into the axes of a pose.
+fn in_frame_of(covariance: &Matrix3<f64>, pose: &Pose2) -> Matrix3<f64> {
+    let (sin, cos) = pose.theta.sin_cos();
+    let turn = Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
+    turn * covariance * turn.transpose()
+}
+
+struct Search<'a> {
+    key_scans: &'a [KeyScan],
+    config: &'a LoopClosureConfig,
+    matcher: &'a MatcherConfig,
+    submaps: &'a [Submap],
+    /// For each submap that was needed yet its own surfaces, and those with its neighbours'.
+    surfaces: Vec<Option<SurfaceMap>>,
+    contexts: Vec<Option<SurfaceMap>>,
+}
+
+impl Search<'_> {
+    /// Standard deviations of the drift over a stretch of path, metres and radians.
+    fn drift(&self, path_m: f64) -> (f64, f64) {
+        let root = path_m.sqrt();
+        let turned = self.config.drift_sigma_rad * root;
+        // A heading error in the middle of the stretch moves its end sideways.
+        ((self.config.drift_sigma_m * root).hypot(0.3 * turned * path_m.min(60.0)), turned)
+    }
+
+    /// The older submaps that may show the same place, nearest first.
+    fn candidates(&self, newer: usize, poses: &[Pose2], path_m: &[f64]) -> Vec<usize> {
+        let place = |index: usize| poses[index].compose(&self.submaps[index].middle);
+        let here = place(newer);
+        let mut near: Vec<(f64, usize)> = (0..newer.saturating_sub(1))
+            .filter_map(|older| {
+                let distance_m = here.between(&place(older)).distance();
+                let doubt_m = 2.0 * self.drift(path_m[older]).0;
+                (distance_m < self.config.candidate_distance_m + doubt_m.min(6.0)).then_some((distance_m, older))
+            })
+            .collect();
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut chosen: Vec<usize> = Vec::new();
+        for (_, older) in near {
+            if chosen.len() < self.config.candidates && chosen.iter().all(|other| other.abs_diff(older) > 1) {
+                chosen.push(older);
+            }
+        }
+        chosen
+    }
+
+    /// Makes the surfaces of a submap and of its neighbours known.
+    fn learn(&mut self, index: usize) {
+        if self.contexts[index].is_some() {
+            return;
+        }
+        let neighbours = index.saturating_sub(1)..(index + 2).min(self.submaps.len());
+        let here = &self.submaps[index].front_end_from_submap;
+        let mut context = SurfaceMap::new(self.matcher.cell_m);
+        for neighbour in neighbours {
+            let submap = &self.submaps[neighbour];
+            let surfaces =
+                self.surfaces[neighbour].get_or_insert_with(|| submap.surfaces(self.key_scans, self.matcher.cell_m));
+            context.add_surfaces(&here.between(&submap.front_end_from_submap), surfaces);
+        }
+        self.contexts[index] = Some(context);
+    }
+
+    /// Fits the newer submap to the older, and the older to the newer.
+    fn compare(
+        &mut self,
+        older: usize,
+        newer: usize,
+        poses: &[Pose2],
+        path_m: f64,
+    ) -> (ClosureReport, Option<BetweenFactor>) {
+        self.learn(older);
+        self.learn(newer);
+        let (sigma_m, sigma_rad) = self.drift(path_m);
+        let expected = poses[older].between(&poses[newer]);
+        let mut report = ClosureReport {
+            older,
+            newer,
+            path_m,
+            correction_m: 0.0,
+            correction_rad: 0.0,
+            inlier_shares: [0.0; 2],
+            verdict: Verdict::DoesNotFit,
+        };
+        let (Some(old_context), Some(new_context), Some(old_surfaces), Some(new_surfaces)) =
+            (&self.contexts[older], &self.contexts[newer], &self.surfaces[older], &self.surfaces[newer])
+        else {
+            return (report, None);
+        };
+        let new_scan = as_one_scan(new_surfaces, &self.submaps[newer].middle);
+        let doubt = Matrix3::from_diagonal(&[sigma_m.powi(-2), sigma_m.powi(-2), sigma_rad.powi(-2)].into());
+        let found =
+            self.fit(old_context, &new_scan, &expected, &doubt, (sigma_m, sigma_rad), &self.submaps[newer].middle);
+        let correction = expected.between(&found.belief.pose);
+        report.correction_m = correction.distance();
+        report.correction_rad = wrap_angle(correction.theta);
+        report.inlier_shares[0] = found.inlier_share;
+        if found.inlier_share < self.config.min_inlier_share {
+            return (report, None);
+        }
+        let middle_shift = expected
+            .compose(&self.submaps[newer].middle)
+            .between(&found.belief.pose.compose(&self.submaps[newer].middle));
+        if middle_shift.distance() > 3.5 * sigma_m + 0.3 || middle_shift.theta.abs() > 3.5 * sigma_rad + 0.1 {
+            report.verdict = Verdict::OutOfReach;
+            return (report, None);
+        }
+        let back = match_scan(
+            new_context,
+            &as_one_scan(old_surfaces, &self.submaps[older].middle),
+            &PoseBelief { pose: found.belief.pose.inverse(), information: Matrix3::zeros() },
+            self.matcher,
+        );
+        report.inlier_shares[1] = back.inlier_share;
+        let disagreement = found.belief.pose.compose(&back.belief.pose);
+        if back.inlier_share < self.config.min_inlier_share
+            || disagreement.distance() > 0.2
+            || disagreement.theta.abs() > 0.05
+        {
+            report.verdict = Verdict::DoesNotFitBack;
+            return (report, None);
+        }
+        report.verdict = Verdict::Accepted;
+        let floor = Matrix3::from_diagonal(
+            &[
+                self.config.closure_sigma_m.powi(2),
+                self.config.closure_sigma_m.powi(2),
+                self.config.closure_sigma_rad.powi(2),
+            ]
+            .into(),
+        );
+        let weak = Matrix3::identity() * 1e-3;
+        let covariance = (found.scan_information + weak).try_inverse().unwrap_or_else(Matrix3::identity);
+        let covariance = floor + in_frame_of(&covariance, &found.belief.pose);
+        let factor = covariance.try_inverse().map(|information| BetweenFactor {
+            from: older,
+            to: newer,
+            from_from_to: found.belief.pose,
+            information,
+            kernel: RobustKernel::DynamicCovarianceScaling { phi: 9.0 },
+            weight: 1.0,
+        });
+        (report, factor)
+    }
+
+    /// The best fit of a submap's surfaces to another's map within the doubt about where it lies.
+    fn fit(
+        &self,
+        map: &SurfaceMap,
+        scan: &SurfaceScan,
+        expected: &Pose2,
+        doubt: &Matrix3<f64>,
+        (sigma_m, sigma_rad): (f64, f64),
+        middle: &Pose2,
+    ) -> MatchResult {
+        let mut best = match_scan(map, scan, &PoseBelief { pose: *expected, information: *doubt }, self.matcher);
+        // Where the doubt is within the matcher's own reach there is nothing to search for.
+        if best.inlier_share < 0.85 && (sigma_m > 0.1 || sigma_rad > 0.03) {
+            // The search turns the submap about its middle, not about its first pose.
+            let centred = scan.seen_from(middle);
+            let window = SearchWindow {
+                distance_m: (2.5 * sigma_m).clamp(0.4, 6.0),
+                angle_rad: (2.5 * sigma_rad).clamp(0.1, 0.6),
+            };
+            for pose in search(map, &centred, &expected.compose(middle), window, 4) {
+                let start = pose.compose(&middle.inverse());
+                let found = match_scan(map, scan, &PoseBelief { pose: start, information: *doubt * 0.0 }, self.matcher);
+                if found.inlier_share > best.inlier_share + 0.02 {
+                    best = found;
+                }
+            }
+        }
+        best
+    }
+}

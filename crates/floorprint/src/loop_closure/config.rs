@@ -1,0 +1,53 @@
+//! `[loop_closure]`.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// `[loop_closure]`: recognising places again, and the pose graph that puts the drive right.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LoopClosureConfig {
+    /// Whether loops are closed.
+    pub enabled: bool,
+    /// Scans are matched against what the last this many metres of the drive showed (between half of
+    /// it and all of it): older places are tied in by closures, not by chance.
+    pub window_m: f64,
+    /// Length of the path that makes one submap, metres.
+    pub submap_length_m: f64,
+    /// Largest number of older submaps that a submap is compared with.
+    pub candidates: usize,
+    /// Submaps whose middles are estimated to lie within this distance (and the doubt about it)
+    /// are compared, metres.
+    pub candidate_distance_m: f64,
+    /// Standard deviation of the position after one metre of scan matching, metres; grows with the
+    /// square root of the path.
+    pub drift_sigma_m: f64,
+    /// Standard deviation of the heading after one metre of scan matching, radians.
+    pub drift_sigma_rad: f64,
+    /// A place counts as recognised when at least this share of a submap's surfaces lies on the other's.
+    pub min_inlier_share: f64,
+    /// Standard deviation that a closure has at least in position, metres.
+    pub closure_sigma_m: f64,
+    /// Standard deviation that a closure has at least in heading, radians.
+    pub closure_sigma_rad: f64,
+    /// How often every scan is fitted to the map of all of them in the end; 0 leaves the graph's result.
+    pub refinements: usize,
+}
+
+impl Default for LoopClosureConfig {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            window_m: 20.0,
+            submap_length_m: 4.0,
+            candidates: 4,
+            candidate_distance_m: 6.0,
+            drift_sigma_m: 0.02,
+            drift_sigma_rad: 0.004,
+            min_inlier_share: 0.6,
+            closure_sigma_m: 0.01,
+            closure_sigma_rad: 0.002,
+            refinements: 1,
+        }
+    }
+}
