@@ -222,7 +222,7 @@ fn misspelt_settings_lead_to_the_right_ones() {
     let message = failure(&["run", &drive(), "--out", "unused", "--set", "filter.particels=3"], 2);
     assert!(message.contains("filter.particles"), "{message}");
     let message = failure(&["run", &drive(), "--out", "unused", "--set", "map.resolution_m=-1"], 2);
-    assert!(message.contains("expected a number > 0"), "{message}");
+    assert!(message.contains("expected a number from 0.005 to 2"), "{message}");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("my.toml");
     fs::write(&file, "[filter]\nresampler = \"stratifed\"\n").unwrap();

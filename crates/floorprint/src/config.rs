@@ -168,7 +168,8 @@ mod tests {
     #[test]
     fn a_value_out_of_range_says_what_is_expected() {
         assert!(error_of("filter.particles = 0").contains("my.toml:1: `filter.particles` is 0"));
-        assert!(error_of("map.resolution_m = -1.0").contains("expected a number > 0"));
+        assert!(error_of("map.resolution_m = -1.0").contains("expected a number from 0.005 to 2"));
+        assert!(error_of("map.hit_log_odds = 0").contains("expected a number > 0"));
         assert!(error_of("map.resolution_m = nan").contains("`map.resolution_m` is nan"));
         assert!(error_of("filter.resample_below = 1.5").contains("from 0 to 1"));
     }

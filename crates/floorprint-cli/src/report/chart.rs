@@ -12,22 +12,14 @@ const BOTTOM: f64 = 26.0;
 /// Long series are drawn as the envelope over this many columns.
 const COLUMNS: usize = 400;
 
-/// One line of a chart.
-pub(super) struct Series<'a> {
-    /// Class of the line; the style sheet gives it its colour.
-    pub(super) class: &'a str,
-    /// What it shows, for the legend; empty for none.
-    pub(super) name: &'a str,
-    /// Time (seconds) and value of each point.
-    pub(super) points: Vec<[f64; 2]>,
-}
-
-/// A chart of values over time.
+/// A line chart of a value over time.
 pub(super) struct Chart<'a> {
     /// What is shown, with its unit.
     pub(super) title: &'a str,
-    /// The lines.
-    pub(super) series: Vec<Series<'a>>,
+    /// Class of the line; the style sheet gives it its colour.
+    pub(super) class: &'a str,
+    /// Time (seconds) and value of each point.
+    pub(super) points: Vec<[f64; 2]>,
     /// Top of the value axis, where it is known beforehand.
     pub(super) maximum: Option<f64>,
 }
@@ -35,56 +27,42 @@ pub(super) struct Chart<'a> {
 impl Chart<'_> {
     /// The chart as a `<figure>`; empty when there is nothing to draw.
     pub(super) fn to_html(&self) -> String {
-        let values = || self.series.iter().flat_map(|series| &series.points).filter(|point| point[1].is_finite());
-        let extreme = |axis: usize, pick: fn(f64, f64) -> f64| values().map(|point| point[axis]).reduce(pick);
+        let points = || self.points.iter().filter(|point| point[1].is_finite());
+        let extreme = |axis: usize, pick: fn(f64, f64) -> f64| points().map(|point| point[axis]).reduce(pick);
         let (Some(start), Some(end), Some(low), Some(high)) =
             (extreme(0, f64::min), extreme(0, f64::max), extreme(1, f64::min), extreme(1, f64::max))
         else {
             return String::new();
         };
         let times = Axis::new(0.0, (end - start).max(1e-9));
-        let heights = Axis::new(low.min(0.0), self.maximum.unwrap_or(high).max(low + 1e-9));
+        let low = low.min(0.0);
+        let heights = Axis::new(low, self.maximum.unwrap_or(high).max(low + 1e-9));
         let x = |time: f64| LEFT + (time - start) / times.high * (WIDTH - LEFT - RIGHT);
         let y = |value: f64| TOP + (heights.high - value) / (heights.high - heights.low) * (HEIGHT - TOP - BOTTOM);
 
         let mut svg = String::new();
         for tick in heights.ticks() {
-            let at = y(tick);
+            let (at, right, label) = (y(tick), WIDTH - RIGHT, heights.label(tick));
             let _ = write!(
                 svg,
-                r#"<path class="grid" d="M{LEFT} {at:.1}H{:.1}"/><text class="tick" x="{:.1}" y="{:.1}" text-anchor="end">{}</text>"#,
-                WIDTH - RIGHT,
+                r#"<path class="grid" d="M{LEFT} {at:.1}H{right:.1}"/><text class="tick" x="{:.1}" y="{:.1}" text-anchor="end">{label}</text>"#,
                 LEFT - 6.0,
-                at + 3.5,
-                heights.label(tick)
+                at + 3.5
             );
         }
         for tick in times.ticks() {
-            let _ = write!(
-                svg,
-                r#"<text class="tick" x="{:.1}" y="{:.1}" text-anchor="middle">{} s</text>"#,
-                x(start + tick),
-                HEIGHT - 8.0,
-                times.label(tick)
-            );
+            let (at, below, label) = (x(start + tick), HEIGHT - 8.0, times.label(tick));
+            let _ =
+                write!(svg, r#"<text class="tick" x="{at:.1}" y="{below:.1}" text-anchor="middle">{label} s</text>"#);
         }
-        for series in &self.series {
-            let mut path = String::new();
-            for [time, value] in envelope(&series.points) {
-                let command = if path.is_empty() { 'M' } else { 'L' };
-                let _ = write!(path, "{command}{:.1} {:.1}", x(time), y(value.min(heights.high)));
-            }
-            let _ = write!(svg, r#"<path class="line {}" d="{path}"/>"#, series.class);
+        let mut path = String::new();
+        for [time, value] in envelope(&self.points) {
+            let command = if path.is_empty() { 'M' } else { 'L' };
+            let _ = write!(path, "{command}{:.1} {:.1}", x(time), y(value.min(heights.high)));
         }
-        let legend: String = self
-            .series
-            .iter()
-            .filter(|series| !series.name.is_empty())
-            .map(|series| format!(r#"<span class="key {}">{}</span>"#, series.class, series.name))
-            .collect();
+        let Self { title, class, .. } = self;
         format!(
-            r#"<figure class="chart"><figcaption>{} {legend}</figcaption><svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{0}">{svg}</svg></figure>"#,
-            self.title
+            r#"<figure class="chart"><figcaption>{title}</figcaption><svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}">{svg}<path class="line {class}" d="{path}"/></svg></figure>"#
         )
     }
 }
@@ -153,7 +131,7 @@ mod tests {
 
     #[test]
     fn nothing_is_drawn_from_nothing() {
-        let chart = Chart { title: "t", series: vec![], maximum: None };
+        let chart = Chart { title: "t", class: "", points: vec![], maximum: None };
         assert_eq!(chart.to_html(), "");
     }
 }

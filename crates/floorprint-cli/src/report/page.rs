@@ -1,13 +1,13 @@
 //! `report.html`: one page that holds everything and needs no network.
 
 use super::Report;
-use super::chart::{Chart, Series};
+use super::chart::Chart;
 use crate::figure::{FREE, OCCUPIED, UNKNOWN, scale_bar_length_m};
 use crate::run_folder::data_set_name;
 use crate::solve::Solution;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use floorprint::evaluation::{ErrorStatistics, StampIndex};
+use floorprint::evaluation::{ErrorStatistics, PoseError, StampIndex};
 use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::OdometrySource;
 use floorprint::sensors::StampedPose;
@@ -94,8 +94,8 @@ fn tiles(report: &Report) -> String {
         && let (Some(translation), Some(rotation)) = (&relations.all.translation_m, &relations.all.rotation_deg)
     {
         let matched = format!("{} of {} relations", relations.all.matched, relations.all.relations);
-        tile("good", format!("{:.3} m", translation.mean), "mean relation error", matched.clone());
-        tile("good", format!("{:.2}°", rotation.mean), "mean relation error", matched);
+        tile("good", format!("{:.3} m", translation.mean), "mean translation error", matched.clone());
+        tile("good", format!("{:.2}°", rotation.mean), "mean rotation error", matched);
     }
     if let Some(quality) = &errors.map {
         tile(
@@ -201,37 +201,32 @@ fn charts(report: &Report, solution: &Solution) -> String {
     let over_time = |value: fn(&StepReport) -> f64| -> Vec<[f64; 2]> {
         solution.steps.iter().map(|step| [step.stamp_s, value(step)]).collect()
     };
-    let plain = |points| vec![Series { class: "", name: "", points }];
-    let mut charts = vec![
-        Chart {
-            title: "Effective number of particles",
-            series: plain(over_time(|step| step.filter.effective_particles)),
-            maximum: Some(report.filter.particles as f64),
-        },
-        Chart { title: "Match score", series: plain(over_time(|step| step.filter.score)), maximum: None },
-        Chart {
-            title: "Share of points on the map",
-            series: plain(over_time(|step| step.filter.inlier_share)),
-            maximum: Some(1.0),
-        },
-    ];
+    let particles = report.filter.particles as f64;
+    let mut charts: Vec<Chart<'_>> = [
+        ("Effective number of particles", over_time(|step| step.filter.effective_particles), Some(particles)),
+        ("Match score", over_time(|step| step.filter.score), None),
+        ("Share of points on the map", over_time(|step| step.filter.inlier_share), Some(1.0)),
+    ]
+    .map(|(title, points, maximum)| Chart { title, class: "", points, maximum })
+    .into();
     if !report.errors.true_trajectory.is_empty() {
         let truth = StampIndex::new(&report.errors.true_trajectory);
-        let errors = |poses: &[StampedPose]| -> Vec<[f64; 2]> {
-            let error = |pose: &StampedPose| {
+        let errors = |poses: &[StampedPose], error: fn(PoseError) -> f64| -> Vec<[f64; 2]> {
+            let at = |pose: &StampedPose| {
                 let truth = truth.interpolated(pose.stamp_s, 1e-4, 0.5)?;
-                Some([pose.stamp_s, truth.between(&pose.pose).distance()])
+                Some([pose.stamp_s, error(PoseError::between(&truth, &pose.pose))])
             };
-            poses.iter().filter_map(error).collect()
+            poses.iter().filter_map(at).collect()
         };
-        charts.push(Chart {
-            title: "Position error, m",
-            series: vec![
-                Series { class: "odometry", name: "dead reckoning", points: errors(&solution.odometry) },
-                Series { class: "trajectory", name: "trajectory", points: errors(&solution.trajectory) },
-            ],
-            maximum: None,
-        });
+        let position: fn(PoseError) -> f64 = |error| error.translation_m;
+        // Dead reckoning has a chart of its own: its errors would flatten the others.
+        for (title, class, poses, error) in [
+            ("Position error, m", "trajectory", &solution.trajectory, position),
+            ("Heading error, °", "trajectory", &solution.trajectory, |error| error.rotation_deg),
+            ("Position error of dead reckoning, m", "odometry", &solution.odometry, position),
+        ] {
+            charts.push(Chart { title, class, points: errors(poses, error), maximum: None });
+        }
     }
     let cards: String =
         charts.iter().map(|chart| format!("<section class=\"card\">{}</section>", chart.to_html())).collect();
@@ -345,7 +340,7 @@ struct View {
 impl View {
     /// A view with some air around of the map's walls and the trajectories. Single far returns
     /// and a dead reckoning that runs off must not shrink the map to a spot: walls count but for
-    /// the outermost few, trajectories up to half of the walls' extent beyond them.
+    /// the outermost few, trajectories up to a little beyond them.
     fn around(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
         const OUTERMOST_SHARE: f64 = 0.004;
         let occupied = || (0..map.cells.len()).filter(|index| map.cells[*index] == Occupancy::Occupied);
@@ -358,7 +353,7 @@ impl View {
                 (Some(low), Some(high)) => (*low, *high),
                 _ => (map.origin_m[axis], map.origin_m[axis] + map.resolution_m),
             };
-            let furthest_m = 0.5 * (high - low) + 1.0;
+            let furthest_m = 0.15 * (high - low) + 1.0;
             (low_m[axis], high_m[axis]) = (low, high);
             for StampedPose { pose, .. } in trajectories.iter().copied().flatten() {
                 let position = if axis == 0 { pose.x } else { pose.y };

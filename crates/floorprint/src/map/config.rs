@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct MapConfig {
     /// Side of a cell, metres.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.005, max = 2.0))]
     pub resolution_m: f64,
     /// Log-odds added to the cell in which a ray ends; the report's 4 log 9.
     #[schemars(extend("exclusiveMinimum" = 0.0))]

@@ -8,35 +8,50 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct MatcherConfig {
     /// Side of a cell of the map that is matched against, metres.
+    #[schemars(range(min = 0.005, max = 2.0))]
     pub cell_m: f64,
     /// Points of a scan are thinned to this distance along surfaces, metres.
+    #[schemars(range(min = 0.0))]
     pub point_spacing_m: f64,
     /// Largest number of Gauss–Newton steps.
+    #[schemars(range(min = 1, max = 1000))]
     pub iterations: usize,
     /// Steps smaller than this end the search, metres.
+    #[schemars(range(min = 0.0))]
     pub stop_step_m: f64,
     /// Steps smaller than this end the search, radians.
+    #[schemars(range(min = 0.0))]
     pub stop_step_rad: f64,
     /// Standard deviation of a point's distance from a flat surface, metres.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub sigma_m: f64,
     /// Standard deviation of a point's distance from a surface without direction, metres.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub rough_sigma_m: f64,
     /// Scale of the robust weights during the approach, standard deviations.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub wide_gate_sigmas: f64,
     /// Scale of the robust weights once the scan lies about right, standard deviations.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub gate_sigmas: f64,
     /// Points beyond this number no longer add certainty: their errors are not independent.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub independent_points: f64,
     /// A scan is written into the map after the robot moved by this much, metres …
+    #[schemars(range(min = 0.0))]
     pub insert_distance_m: f64,
     /// … or turned by this much, radians.
+    #[schemars(range(min = 0.0))]
     pub insert_angle_rad: f64,
     /// Where fewer than this share of a scan's points lie on the map, the odometry is not
     /// believed and the neighbourhood is searched.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub search_below_inlier_share: f64,
     /// Largest offset of that search in x and in y, metres.
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub search_distance_m: f64,
     /// Largest offset of that search in heading, radians.
+    #[schemars(range(min = 0.0, max = 3.2))]
     pub search_angle_rad: f64,
 }
 
