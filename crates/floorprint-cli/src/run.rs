@@ -29,7 +29,7 @@ pub(crate) struct Arguments {
     settings: Settings,
     #[command(flatten)]
     work: Work,
-    /// Folder of the results [default: runs/<data set>-<preset>].
+    /// Folder of the results [default: runs/NAME-PRESET, after the data set].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Replace the folder if it exists.
