@@ -4,11 +4,11 @@ use std::fmt::Write;
 
 /// A chart's drawing area, SVG units.
 const WIDTH: f64 = 640.0;
-const HEIGHT: f64 = 190.0;
-const LEFT: f64 = 46.0;
+const HEIGHT: f64 = 196.0;
+const LEFT: f64 = 58.0;
 const RIGHT: f64 = 10.0;
 const TOP: f64 = 12.0;
-const BOTTOM: f64 = 26.0;
+const BOTTOM: f64 = 32.0;
 /// Long series are drawn as the envelope over this many columns.
 const COLUMNS: usize = 400;
 
