@@ -34,6 +34,9 @@ impl Default for MotionConfig {
     }
 }
 
+/// No step is more certain than this (m², rad²).
+const SMALLEST_VARIANCE: f64 = 1e-10;
+
 impl MotionConfig {
     /// Standard deviations of a step in position (metres) and heading (radians).
     #[must_use]
@@ -49,7 +52,9 @@ impl MotionConfig {
     #[must_use]
     pub fn information(&self, motion: &Pose2) -> Matrix3<f64> {
         let (sigma_m, sigma_rad) = self.sigmas(motion);
-        let (position, heading) = ((sigma_m * sigma_m).recip(), (sigma_rad * sigma_rad).recip());
+        // Even where no noise is stated the odometry is only nearly certain, to keep the sums finite.
+        let of_variance = |variance: f64| variance.max(SMALLEST_VARIANCE).recip();
+        let (position, heading) = (of_variance(sigma_m * sigma_m), of_variance(sigma_rad * sigma_rad));
         Matrix3::from_diagonal(&[position, position, heading].into())
     }
 

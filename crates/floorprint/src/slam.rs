@@ -13,8 +13,8 @@ use thiserror::Error;
 /// Why a frame could not be processed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SlamError {
-    /// A pose is no number; going on would spoil the map.
-    #[error("the pose at scan {index} (stamp {stamp_s:.6} s) is not finite; the odometry before it is broken")]
+    /// The motion or a point is no number; going on would spoil the map.
+    #[error("scan {index} (stamp {stamp_s:.6} s) or the odometry that leads to it is not finite; leave this scan out")]
     NotFinite {
         /// Number of the scan.
         index: usize,
@@ -74,9 +74,11 @@ impl Slam {
     /// Takes in one frame.
     ///
     /// # Errors
-    /// When the odometry of the frame is not finite; nothing was changed then.
+    /// When the odometry or a point of the frame is not finite; nothing was changed then.
     pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> Result<StepReport, SlamError> {
-        if frame.motion.is_some_and(|motion| !motion.is_finite()) {
+        let points = &frame.scan.hits;
+        let scan_is_finite = points.x_m.iter().chain(&points.y_m).all(|coordinate| coordinate.is_finite());
+        if !scan_is_finite || frame.motion.is_some_and(|motion| !motion.is_finite()) {
             return Err(SlamError::NotFinite { index: frame.index, stamp_s: frame.stamp_s });
         }
         let step = match &mut self.filter {

@@ -67,7 +67,7 @@ pub struct ScanConfig {
     #[schemars(range(min = 0.0))]
     pub range_min_m: f64,
     /// Returns farther than this are not used, metres.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(extend("exclusiveMinimum" = 0.0), range(max = 1000.0))]
     pub range_max_m: f64,
     /// What a ray without a return means.
     pub no_return: NoReturn,

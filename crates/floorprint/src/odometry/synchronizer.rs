@@ -230,7 +230,7 @@ impl<'a> Frames<'a> {
         let stated_pose = |scan: &Scan| scan.odometry.filter(|pose| log_poses && pose.is_finite());
         let mut origin = None;
         let mut previous: Option<(f64, Pose2, bool)> = None;
-        let mut unknown = 0;
+        let (mut unknown, mut jumps) = (0, 0);
         for place in &mut self.places {
             let Record::Scan(scan) = &self.records[place.record] else { continue };
             let origin = *origin.get_or_insert_with(|| {
@@ -244,17 +244,28 @@ impl<'a> Frames<'a> {
             place.dead_reckoning = pose;
             place.motion = known.then_some(Pose2::IDENTITY);
             if let Some((stamp_s, before, known_before)) = previous {
-                place.motion = (known && known_before).then(|| before.between(&pose));
+                let step = before.between(&pose);
+                let jumped = step.distance() > LARGEST_STEP_M;
+                place.motion = (known && known_before && !jumped).then_some(step);
+                jumps += usize::from(jumped);
                 place.elapsed_s = (scan.stamp_s - stamp_s).max(0.0);
             }
             unknown += usize::from(!known);
             previous = Some((scan.stamp_s, pose, known));
+        }
+        if jumps > 0 {
+            let note =
+                format!("jumps of the odometry by more than {LARGEST_STEP_M} m, which were not believed: {jumps}");
+            self.summary.notes.push(note);
         }
         if unknown > 0 && self.summary.source != OdometrySource::ScanMatching {
             self.summary.notes.push(format!("scans outside the odometry's span, whose motion is unknown: {unknown}"));
         }
     }
 }
+
+/// No robot moves farther than this between two scans, metres.
+const LARGEST_STEP_M: f64 = 1000.0;
 
 /// The scans among the records, with the records' positions.
 fn scans(records: &[Record]) -> impl Iterator<Item = (usize, &Scan)> {
@@ -405,6 +416,16 @@ mod tests {
         assert_eq!(motions, [0.0, 1.0, 2.0]);
         assert_eq!(frames.iter().map(|frame| frame.elapsed_s).collect::<Vec<_>>(), [0.0, 0.0, 2.0]);
         assert_eq!(frames[2].dead_reckoning.x, 3.0);
+    }
+
+    #[test]
+    fn a_jump_of_the_odometry_by_kilometres_is_not_believed() {
+        let records =
+            [0.0, 1.0, 1e6, 1e6 + 1.0].map(|x| scan_of(x, vec![1.0, 2.0, 3.0], Some(Pose2::new(x, 0.0, 0.0))));
+        let frames = frames(&records, &config());
+        let motions: Vec<_> = frames.iter().map(|frame| frame.motion.map(|motion| motion.x)).collect();
+        assert_eq!(motions, [Some(0.0), Some(1.0), None, Some(1.0)]);
+        assert!(frames.summary().notes.iter().any(|note| note.ends_with("not believed: 1")));
     }
 
     #[test]
