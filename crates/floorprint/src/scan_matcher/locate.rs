@@ -7,6 +7,8 @@ use std::f64::consts::PI;
 
 /// Candidates of a search that are matched finely.
 const CANDIDATES: usize = 4;
+/// Fewer points than this fit almost anywhere; they are no reason to doubt the odometry.
+const POINTS_TO_SEARCH: usize = 30;
 /// A search stops widening once this share of the points lies on the map.
 const GOOD_ENOUGH: f64 = 0.6;
 /// A pose from the search replaces the odometry's only if this much more of the scan fits there.
@@ -19,7 +21,7 @@ const DISTRUST: f64 = 0.01;
 pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> (MatchResult, bool) {
     let mut best = match_scan(map, scan, prior, config);
     let mut searched = false;
-    if best.inlier_share >= config.search_below_inlier_share {
+    if best.inlier_share >= config.search_below_inlier_share || scan.len() < POINTS_TO_SEARCH {
         return (best, false);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };

@@ -5,6 +5,10 @@ mod correlative;
 mod gauss_newton;
 mod locate;
 mod surface_scan;
+#[cfg(test)]
+pub(crate) mod synthetic;
+#[cfg(test)]
+mod tests;
 
 pub use config::MatcherConfig;
 pub use correlative::{SearchWindow, search};

@@ -1,0 +1,173 @@
+//! Scans of known walls are matched and found.
+
+use super::synthetic::Walls;
+use super::{MatcherConfig, PoseBelief, SurfaceScan, locate, match_scan};
+use crate::frame::BodyScan;
+use crate::geometry::{Pose2, wrap_angle};
+use crate::map::SurfaceMap;
+use nalgebra::Matrix3;
+use proptest::prelude::*;
+
+fn map_seen_from(walls: &Walls, poses: &[Pose2]) -> SurfaceMap {
+    let config = MatcherConfig::default();
+    let mut map = SurfaceMap::new(config.cell_m);
+    for pose in poses {
+        map.add_scan(pose, &SurfaceScan::new(&walls.scan_from(pose, 720), config.point_spacing_m));
+    }
+    map
+}
+
+fn scan(walls: &Walls, pose: &Pose2) -> SurfaceScan {
+    SurfaceScan::new(&walls.scan_from(pose, 541), MatcherConfig::default().point_spacing_m)
+}
+
+fn belief(pose: Pose2, sigma_m: f64, sigma_rad: f64) -> PoseBelief {
+    let information = Matrix3::from_diagonal(&[sigma_m.powi(-2), sigma_m.powi(-2), sigma_rad.powi(-2)].into());
+    PoseBelief { pose, information }
+}
+
+fn room_map() -> SurfaceMap {
+    map_seen_from(&Walls::room(), &[Pose2::IDENTITY, Pose2::new(0.4, 0.1, 0.3), Pose2::new(-0.5, 0.6, -0.8)])
+}
+
+/// A corridor along x without ends.
+fn corridor() -> Walls {
+    Walls::default().with_box([0.0, 0.0], [200.0, 1.0])
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn a_known_offset_is_recovered(
+        x in -0.5..0.5_f64, y in -0.5..0.5_f64, theta in -3.0..3.0_f64,
+        dx in -0.12..0.12_f64, dy in -0.12..0.12_f64, turn in -0.06..0.06_f64,
+    ) {
+        let truth = Pose2::new(x, y, theta);
+        let guess = Pose2::new(x + dx, y + dy, theta + turn);
+        let found = match_scan(&room_map(), &scan(&Walls::room(), &truth), &belief(guess, 0.5, 0.5), &MatcherConfig::default());
+        let error = truth.between(&found.belief.pose);
+        prop_assert!(error.distance() < 0.002, "{} m", error.distance());
+        prop_assert!(error.theta.abs() < 0.05_f64.to_radians(), "{} rad", error.theta);
+        prop_assert!(found.inlier_share > 0.95);
+    }
+
+    #[test]
+    fn a_lost_robot_is_found_in_the_neighbourhood(dx in -0.5..0.5_f64, dy in -0.5..0.5_f64, turn in -0.7..0.7_f64) {
+        let truth = Pose2::new(0.2, 0.3, 0.5);
+        let guess = Pose2::new(truth.x + dx, truth.y + dy, truth.theta + turn);
+        // Odometry that is sure of itself, and wrong.
+        let prior = belief(guess, 0.02, 0.02);
+        let (found, _) = locate(&room_map(), &scan(&Walls::room(), &truth), &prior, &MatcherConfig::default());
+        let error = truth.between(&found.belief.pose);
+        prop_assert!(error.distance() < 0.02 && error.theta.abs() < 0.01, "{error:?}");
+    }
+}
+
+#[test]
+fn a_corridor_leaves_the_way_along_it_to_the_odometry() {
+    let map = map_seen_from(&corridor(), &[Pose2::IDENTITY, Pose2::new(1.0, 0.0, 0.0), Pose2::new(-1.0, 0.0, 0.0)]);
+    let prior = belief(Pose2::new(0.3, 0.05, 0.02), 0.03, 0.1);
+    let found = match_scan(&map, &scan(&corridor(), &Pose2::IDENTITY), &prior, &MatcherConfig::default());
+    let pose = found.belief.pose;
+    assert!((pose.x - 0.3).abs() < 0.02, "along: {} m", pose.x);
+    assert!(pose.y.abs() < 0.002 && pose.theta.abs() < 0.001, "across: {pose:?}");
+    let information = found.scan_information;
+    assert!(information[(0, 0)] < 0.01 * information[(1, 1)], "{information}");
+}
+
+#[test]
+fn without_anything_to_match_the_odometry_stands() {
+    let config = MatcherConfig::default();
+    let prior = belief(Pose2::new(1.0, 2.0, 0.5), 0.1, 0.1);
+    let nothing = SurfaceScan::default();
+    for (map, scan) in [
+        (room_map(), nothing.clone()),
+        (SurfaceMap::new(config.cell_m), scan(&Walls::room(), &Pose2::IDENTITY)),
+        (SurfaceMap::new(config.cell_m), nothing),
+    ] {
+        let (found, rejected) = locate(&map, &scan, &prior, &config);
+        assert!(!rejected && found.inlier_share == 0.0);
+        assert_eq!(found.belief, prior);
+    }
+}
+
+#[test]
+fn a_handful_of_points_does_not_overrule_the_odometry() {
+    let mut few = BodyScan::default();
+    (0..5).for_each(|k| few.hits.push(1.0, 0.05 * k as f32));
+    let prior = belief(Pose2::new(0.0, 0.0, 0.0), 0.05, 0.05);
+    let (found, rejected) = locate(&room_map(), &SurfaceScan::new(&few, 0.03), &prior, &MatcherConfig::default());
+    assert!(!rejected && prior.pose.between(&found.belief.pose).distance() < 0.05);
+}
+
+#[test]
+fn the_two_sides_of_a_thin_wall_are_told_apart() {
+    let wall = Walls::default().with_box([0.0, -1.0], [30.0, 2.0]);
+    let map = map_seen_from(&wall, &[Pose2::IDENTITY]);
+    let share_of_fit = |pose: Pose2| {
+        match_scan(&map, &scan(&wall, &pose), &belief(pose, 0.01, 0.01), &MatcherConfig::default()).inlier_share
+    };
+    assert!(share_of_fit(Pose2::new(0.1, 0.1, 0.0)) > 0.9);
+    // From outside the same wall is another surface.
+    assert!(share_of_fit(Pose2::new(0.0, 2.0, 0.0)) < 0.05);
+}
+
+#[test]
+fn normals_of_walls_are_exact_and_face_the_robot() {
+    let walls = Walls::default().with_box([0.0, 0.0], [3.0, 2.0]);
+    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.5, 0.2, 0.0), 720), 0.03);
+    let mut flat = 0;
+    for ([x, y], [nx, ny]) in scan.iter() {
+        let (wall_x, wall_y) = (f64::from(x) + 0.5, f64::from(y) + 0.2);
+        if nx.hypot(ny) > 0.0 {
+            assert!(nx * x + ny * y < 0.0, "the normal at {wall_x}, {wall_y} faces away");
+        }
+        let from_corner = (3.0 - wall_x.abs()).hypot(2.0 - wall_y.abs());
+        if from_corner > 0.3 {
+            flat += 1;
+            let across = if (3.0 - wall_x.abs()).abs() < 1e-3 { nx } else { ny };
+            assert!(across.abs() > 0.999, "{nx}, {ny} at {wall_x}, {wall_y}");
+        }
+    }
+    assert!(flat > 200, "{flat} points on walls");
+    let corner = scan.iter().min_by_key(|&([x, y], _)| ((x - 2.5).hypot(y - 1.8) * 1e4) as i32).unwrap();
+    assert!(corner.1[0].hypot(corner.1[1]) < 0.8, "a corner is not flat: {corner:?}");
+}
+
+#[test]
+fn a_wall_seen_by_few_rays_has_its_normal_too() {
+    let walls = Walls::default().with_box([0.0, 0.0], [12.0, 9.0]);
+    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 180), 0.03);
+    let ahead = scan.iter().filter(|([_, y], _)| y.abs() < 3.0);
+    for (_, [nx, ny]) in ahead {
+        assert!(nx.abs() > 0.99 && ny.abs() < 0.05, "{nx}, {ny}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn thinned_points_keep_their_distance(x in -2.0..2.0_f64, y in -1.0..1.0_f64, theta in -3.0..3.0_f64, spacing in 0.0..0.3_f64) {
+        let full = Walls::room().scan_from(&Pose2::new(x, y, theta), 541);
+        let scan = SurfaceScan::new(&full, spacing);
+        let points: Vec<_> = scan.iter().map(|(point, _)| point).collect();
+        for pair in points.windows(2) {
+            prop_assert!(f64::from((pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])) >= spacing - 1e-6);
+        }
+        // Nothing is left out but near a point that is kept.
+        for hit in full.hits.iter() {
+            prop_assert!(points.iter().any(|p| f64::from((p[0] - hit[0]).hypot(p[1] - hit[1])) < spacing + 1e-6));
+        }
+    }
+
+    #[test]
+    fn seen_from_another_pose_a_scan_is_the_same(x in -5.0..5.0_f64, y in -5.0..5.0_f64, theta in -3.0..3.0_f64) {
+        let scan = SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, 90), 0.03);
+        let pose = Pose2::new(x, y, theta);
+        for ((before, _), (after, normal)) in scan.iter().zip(scan.seen_from(&pose).iter()) {
+            let back = pose.transform_point(after.map(f64::from));
+            prop_assert!((back[0] - f64::from(before[0])).hypot(back[1] - f64::from(before[1])) < 1e-5);
+            prop_assert!(normal[0].hypot(normal[1]) <= 1.0 + 1e-5);
+        }
+        prop_assert!(wrap_angle(pose.theta - theta).abs() < 1e-12);
+    }
+}
