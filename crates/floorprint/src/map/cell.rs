@@ -24,11 +24,12 @@ impl Cell {
 }
 
 /// The largest whole number that is not above `value`. Without SSE 4.1, which x86-64 does not
-/// promise, `f64::floor` is a function call; this look-up is in the innermost loops.
+/// promise, `f64::floor` is a function call; this look-up is in the innermost loops. What does not
+/// fit an `i32` ends up at one of its limits, no number at 0.
 #[inline]
 fn floor(value: f64) -> i32 {
     let truncated = value as i32;
-    truncated - i32::from(f64::from(truncated) > value)
+    truncated.wrapping_sub(i32::from(f64::from(truncated) > value))
 }
 
 #[cfg(test)]

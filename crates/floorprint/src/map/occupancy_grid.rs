@@ -130,7 +130,8 @@ impl OccupancyGrid {
     }
 
     fn add(&mut self, cell: Cell, amount: i16, flips: &mut Vec<Flip>) {
-        let value = &mut self.tiles.tile_mut(tile_of(cell)).0[index_in_tile(cell)];
+        let Some(tile) = self.tiles.tile_mut(tile_of(cell)) else { return };
+        let value = &mut tile.0[index_in_tile(cell)];
         let before = *value;
         *value = before.saturating_add(amount).clamp(-self.limit, self.limit);
         if before <= 0 && *value > 0 {
@@ -142,13 +143,18 @@ impl OccupancyGrid {
     fn pass_along(&mut self, from: Cell, to: Cell, flips: &mut Vec<Flip>) {
         let (pass, limit) = (self.pass, self.limit);
         let mut at = tile_of(from);
-        let mut tile = self.tiles.tile_mut(at);
+        // Between two cells that the grid holds it holds them all.
+        if !self.tiles.make_room(tile_of(to)) {
+            return;
+        }
+        let Some(mut tile) = self.tiles.tile_mut(at) else { return };
         for cell in passed_cells(from, to) {
             let here = tile_of(cell);
             if here != at {
                 at = here;
                 // Each tile along the ray is looked up once.
-                tile = self.tiles.tile_mut(at);
+                let Some(next) = self.tiles.tile_mut(at) else { return };
+                tile = next;
             }
             let value = &mut tile.0[index_in_tile(cell)];
             let before = *value;

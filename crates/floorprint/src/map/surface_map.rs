@@ -151,7 +151,7 @@ impl SurfaceMap {
             }
         }
         for (at, index) in contradicted {
-            let tile = self.tiles.tile_mut(at);
+            let Some(tile) = self.tiles.tile_mut(at) else { continue };
             let slot = tile.slot[usize::from(index)];
             let surface = &mut tile.surfaces[usize::from(slot) - 1];
             surface.contradictions += 1.0;
@@ -165,7 +165,7 @@ impl SurfaceMap {
         let cell = Cell::containing(point_m, self.inverse_resolution);
         let index = index_in_tile(cell);
         let point = [point_m[0] as f32, point_m[1] as f32];
-        let tile = self.tiles.tile_mut(tile_of(cell));
+        let Some(tile) = self.tiles.tile_mut(tile_of(cell)) else { return };
         let slot = tile.slot[index];
         if slot != 0 {
             let surface = &mut tile.surfaces[usize::from(slot) - 1];
@@ -203,7 +203,7 @@ impl SurfaceMap {
                 // One look-up for all cells of the row that lie in the same tile.
                 let at = tile_of(Cell { x, y });
                 let end = last.min((at.x << TILE_BITS) + TILE_SIDE - 1);
-                let tile = self.tiles.tile_mut(at);
+                let Some(tile) = self.tiles.tile_mut(at) else { break };
                 for x in x..=end {
                     let dx = x - cell.x;
                     let nearest = &mut tile.nearest[index_in_tile(Cell { x, y })];
@@ -218,7 +218,7 @@ impl SurfaceMap {
 
     /// Takes away the surface of `cell` and points the cells around it to their next nearest.
     fn remove(&mut self, cell: Cell) {
-        let tile = self.tiles.tile_mut(tile_of(cell));
+        let Some(tile) = self.tiles.tile_mut(tile_of(cell)) else { return };
         let slot = std::mem::take(&mut tile.slot[index_in_tile(cell)]);
         tile.surfaces.swap_remove(usize::from(slot) - 1);
         if let Some(moved) = tile.surfaces.get(usize::from(slot) - 1) {
@@ -229,7 +229,7 @@ impl SurfaceMap {
             for dx in -REACH_CELLS..=REACH_CELLS {
                 let near = Cell { x: cell.x + dx, y: cell.y + dy };
                 if self.offset_to_nearest(near) == [-dx as i8, -dy as i8] {
-                    self.tiles.tile_mut(tile_of(near)).nearest[index_in_tile(near)] = NONE;
+                    self.set_offset_to_nearest(near, NONE);
                     orphans.push(near);
                 }
             }
@@ -251,6 +251,12 @@ impl SurfaceMap {
         self.tiles.tile(tile_of(cell)).map_or(NONE, |tile| tile.nearest[index_in_tile(cell)])
     }
 
+    fn set_offset_to_nearest(&mut self, cell: Cell, offset: [i8; 2]) {
+        if let Some(tile) = self.tiles.tile_mut(tile_of(cell)) {
+            tile.nearest[index_in_tile(cell)] = offset;
+        }
+    }
+
     /// Takes over the nearest of the surfaces that the eight neighbours know; tells whether that changed anything.
     fn learn_from_neighbours(&mut self, cell: Cell) -> bool {
         let before = self.offset_to_nearest(cell);
@@ -267,7 +273,7 @@ impl SurfaceMap {
             }
         }
         if best != before {
-            self.tiles.tile_mut(tile_of(cell)).nearest[index_in_tile(cell)] = best;
+            self.set_offset_to_nearest(cell, best);
         }
         best != before
     }
@@ -413,4 +419,170 @@ fn sector_of(dx: f32, dy: f32) -> usize {
     }
     let quarter_turns = if dx >= 0.0 { 1.0 + dy / length } else { 3.0 - dy / length };
     ((quarter_turns * (SECTORS / 4) as f32) as usize).min(SECTORS - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan_matcher::synthetic::Walls;
+    use proptest::prelude::*;
+    use std::collections::BTreeSet;
+
+    const CELL_M: f64 = 0.05;
+
+    fn center(x: i32, y: i32) -> [f64; 2] {
+        Cell { x, y }.center_m(CELL_M)
+    }
+
+    /// Squared distance, in cells, from a cell to the nearest of `cells`.
+    fn nearest_by_search(cells: &BTreeSet<(i32, i32)>, x: i32, y: i32) -> i32 {
+        cells.iter().map(|&(cx, cy)| (cx - x).pow(2) + (cy - y).pow(2)).min().unwrap_or(i32::MAX)
+    }
+
+    fn nearest_in_map(map: &SurfaceMap, x: i32, y: i32) -> Option<(i32, i32)> {
+        let surface = map.nearest(center(x, y))?;
+        let cell = Cell::containing(surface.mean_m.map(f64::from), 1.0 / CELL_M);
+        Some((cell.x, cell.y))
+    }
+
+    fn cell() -> impl Strategy<Value = (i32, i32)> {
+        // Around a corner of four tiles.
+        (-12..12_i32, -12..12_i32)
+    }
+
+    fn scan_of(walls: &Walls) -> SurfaceScan {
+        SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 720), 0.03)
+    }
+
+    proptest! {
+        #[test]
+        fn the_nearest_surface_is_the_one_a_search_finds(
+            added in prop::collection::btree_set(cell(), 1..40), removed in prop::collection::vec(prop::num::u16::ANY, 0..30)
+        ) {
+            let mut map = SurfaceMap::new(CELL_M);
+            for &(x, y) in &added {
+                map.add_hit(center(x, y), [1.0, 0.0]);
+            }
+            let reach = REACH_CELLS * REACH_CELLS;
+            for (x, y) in (-22..22).flat_map(|x| (-22..22).map(move |y| (x, y))) {
+                let truth = nearest_by_search(&added, x, y);
+                match nearest_in_map(&map, x, y) {
+                    Some((cx, cy)) => prop_assert_eq!((cx - x).pow(2) + (cy - y).pow(2), truth),
+                    None => prop_assert!(truth > reach),
+                }
+            }
+            let mut left = added.clone();
+            for pick in removed {
+                let Some(&(x, y)) = left.iter().nth(usize::from(pick) % left.len().max(1)) else { break };
+                left.remove(&(x, y));
+                map.remove(Cell { x, y });
+            }
+            prop_assert_eq!(map.surfaces().count(), left.len());
+            // After removals a cell may know a surface that is up to a cell farther than the nearest.
+            for (x, y) in (-22..22).flat_map(|x| (-22..22).map(move |y| (x, y))) {
+                let truth = f64::from(nearest_by_search(&left, x, y)).sqrt();
+                match nearest_in_map(&map, x, y) {
+                    Some((cx, cy)) => {
+                        prop_assert!(left.contains(&(cx, cy)), "a removed surface is still known");
+                        prop_assert!(f64::from((cx - x).pow(2) + (cy - y).pow(2)).sqrt() <= truth + 1.0);
+                    }
+                    None => prop_assert!(truth > f64::from(REACH_CELLS - 1)),
+                }
+            }
+        }
+
+        #[test]
+        fn copies_go_their_own_ways(
+            before in prop::collection::vec(cell(), 1..20), after in prop::collection::vec(cell(), 1..20)
+        ) {
+            let mut map = SurfaceMap::new(CELL_M);
+            before.iter().for_each(|&(x, y)| map.add_hit(center(x, y), [1.0, 0.0]));
+            let surfaces: Vec<Surface> = map.surfaces().copied().collect();
+            let mut copy = map.clone();
+            after.iter().for_each(|&(x, y)| copy.add_hit(center(x, y), [0.0, 1.0]));
+            let cell = Cell::containing(surfaces[0].mean_m.map(f64::from), 1.0 / CELL_M);
+            copy.remove(cell);
+            prop_assert_eq!(map.surfaces().copied().collect::<Vec<_>>(), surfaces);
+            prop_assert!(copy.surface(cell).is_none() && map.surface(cell).is_some());
+        }
+    }
+
+    #[test]
+    fn a_surface_is_the_mean_of_its_hits() {
+        let mut map = SurfaceMap::new(CELL_M);
+        for k in 0..10 {
+            map.add_hit([0.02 + 0.001 * f64::from(k), 0.01], [0.0, 1.0]);
+        }
+        let surface = map.nearest([0.1, 0.01]).unwrap();
+        assert!((surface.mean_m[0] - 0.0245).abs() < 1e-6 && surface.normal == [0.0, 1.0] && surface.flatness > 0.999);
+        assert!(map.nearest([0.5, 0.01]).is_none());
+        assert!(map.proximity([0.02, 0.01]) > 0.99 && map.proximity([0.5, 0.01]) == 0.0);
+    }
+
+    /// Someone stands in the room, and walks on.
+    #[test]
+    fn who_walked_on_is_forgotten_and_walls_stay() {
+        let room = Walls::room();
+        let crowded = scan_of(&room.clone().with_box([1.5, 0.3], [0.15, 0.25]));
+        let empty = scan_of(&room);
+        let mut map = SurfaceMap::new(CELL_M);
+        map.add_scan(&Pose2::IDENTITY, &crowded);
+        assert!(map.nearest([1.35, 0.3]).is_some());
+        for _ in 0..3 {
+            map.carve(&Pose2::IDENTITY, &empty);
+            map.add_scan(&Pose2::IDENTITY, &empty);
+        }
+        assert!(map.nearest([1.35, 0.3]).is_none(), "the person is still in the map");
+        for ([x, y], _) in empty.iter() {
+            assert!(map.surface(Cell::containing([f64::from(x), f64::from(y)], 1.0 / CELL_M)).is_some());
+        }
+    }
+
+    /// Rays along a wall pass close to all of it; none goes through it, however often it is looked at.
+    #[test]
+    fn a_grazed_wall_stays() {
+        let walls = Walls::default().with_box([0.0, 0.0], [14.0, 0.5]);
+        let mut map = SurfaceMap::new(CELL_M);
+        let poses = [-4.0, 0.0, 4.0].map(|x| Pose2::new(x, 0.2, 0.0));
+        let scans = poses.map(|pose| SurfaceScan::new(&walls.scan_from(&pose, 1080), 0.03));
+        poses.iter().zip(&scans).for_each(|(pose, scan)| map.add_scan(pose, scan));
+        let before = map.surfaces().count();
+        for _ in 0..20 {
+            poses.iter().zip(&scans).for_each(|(pose, scan)| map.carve(pose, scan));
+        }
+        // Far off, where few rays end, the direction of the wall is not known well enough.
+        assert!(map.surfaces().count() > before * 97 / 100, "{} of {before} are left", map.surfaces().count());
+    }
+
+    #[test]
+    fn surfaces_of_another_map_are_seen_at_its_pose() {
+        let scan = scan_of(&Walls::room());
+        let mut other = SurfaceMap::new(CELL_M);
+        other.add_scan(&Pose2::IDENTITY, &scan);
+        let pose = Pose2::new(3.0, -2.0, 1.1);
+        let (mut direct, mut indirect) = (SurfaceMap::new(CELL_M), SurfaceMap::new(CELL_M));
+        direct.add_scan(&pose, &scan);
+        indirect.add_surfaces(&pose, &other);
+        for surface in indirect.surfaces().filter(|surface| surface.flatness > 0.99) {
+            let found = direct.nearest(surface.mean_m.map(f64::from)).unwrap();
+            let [dx, dy] = [surface.mean_m[0] - found.mean_m[0], surface.mean_m[1] - found.mean_m[1]];
+            if found.flatness > 0.99 {
+                assert!((found.normal[0] * dx + found.normal[1] * dy).abs() < 0.005);
+                assert!(found.normal[0] * surface.normal[0] + found.normal[1] * surface.normal[1] > 0.98);
+            }
+        }
+    }
+
+    #[test]
+    fn points_that_are_far_beyond_reason_are_left_out() {
+        let mut map = SurfaceMap::new(CELL_M);
+        map.add_hit([0.0, 0.0], [1.0, 0.0]);
+        for far in [1e6, -1e6, 1e12, f64::INFINITY, f64::NEG_INFINITY] {
+            map.add_hit([far, far], [1.0, 0.0]);
+            assert!(map.nearest([far, far]).is_none());
+        }
+        assert_eq!(map.surfaces().count(), 1);
+        map.carve(&Pose2::IDENTITY, &SurfaceScan::default());
+        assert_eq!(map.surfaces().count(), 1);
+    }
 }

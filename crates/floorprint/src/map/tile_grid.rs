@@ -1,4 +1,4 @@
-//! An unbounded grid of square tiles that copies share until one of them writes.
+//! A grid, without fixed bounds, of square tiles that copies share until one of them writes.
 //!
 //! A copy of the grid costs one reference count per tile (Eliazar & Parr 2003 share
 //! maps between particles for the same reason; tiles make it simple).
@@ -12,6 +12,11 @@ pub const TILE_BITS: u32 = 5;
 pub const TILE_SIDE: i32 = 1 << TILE_BITS;
 /// Number of cells of a tile.
 pub const TILE_CELLS: usize = 1 << (2 * TILE_BITS);
+/// Largest number of tiles that the rectangle around all tiles may hold: more than a square
+/// kilometre of 5 cm cells. One stray point must not cost all memory.
+const LARGEST_DIRECTORY: i64 = 1 << 20;
+/// Tile coordinates stay within ± this, so that no sum of cells overflows.
+const FARTHEST_TILE: i32 = 1 << 24;
 
 /// Tiles of type `T`, each covering [`TILE_SIDE`] × [`TILE_SIDE`] cells.
 #[derive(Debug, Clone)]
@@ -50,13 +55,7 @@ impl<T> TileGrid<T> {
     #[inline]
     #[must_use]
     pub fn tile(&self, at: Cell) -> Option<&T> {
-        let column = at.x.wrapping_sub(self.first.x);
-        let row = at.y.wrapping_sub(self.first.y);
-        if (column as u32) < (self.columns as u32) && (row as u32) < (self.rows as u32) {
-            self.tiles[(row * self.columns + column) as usize].as_deref()
-        } else {
-            None
-        }
+        self.tiles[self.index_of(at)?].as_deref()
     }
 
     /// All tiles that exist with their tile coordinates, row by row.
@@ -75,8 +74,26 @@ impl<T> TileGrid<T> {
         (present.count(), own)
     }
 
-    /// Makes the directory hold the tile coordinates `at`, with room to spare on the side it grew to.
-    fn grow_to(&mut self, at: Cell) {
+    #[inline]
+    fn index_of(&self, at: Cell) -> Option<usize> {
+        let column = at.x.wrapping_sub(self.first.x);
+        let row = at.y.wrapping_sub(self.first.y);
+        ((column as u32) < (self.columns as u32) && (row as u32) < (self.rows as u32))
+            .then(|| (row * self.columns + column) as usize)
+    }
+
+    /// Makes the directory hold the tile coordinates `at`; tells whether it does. It does not
+    /// where the rectangle around all tiles would grow beyond reason.
+    #[inline]
+    pub fn make_room(&mut self, at: Cell) -> bool {
+        self.index_of(at).is_some() || self.grow_to(at)
+    }
+
+    /// Grows the directory, with room to spare on the side it grows to.
+    fn grow_to(&mut self, at: Cell) -> bool {
+        if at.x.saturating_abs() > FARTHEST_TILE || at.y.saturating_abs() > FARTHEST_TILE {
+            return false;
+        }
         let spare = 4 + self.columns.max(self.rows) / 4;
         let (mut low, mut high) = if self.tiles.is_empty() {
             (at, at)
@@ -96,6 +113,9 @@ impl<T> TileGrid<T> {
             high.y = at.y + spare;
         }
         let (columns, rows) = (high.x - low.x + 1, high.y - low.y + 1);
+        if i64::from(columns) * i64::from(rows) > LARGEST_DIRECTORY {
+            return false;
+        }
         let mut tiles = Vec::new();
         tiles.resize_with(columns as usize * rows as usize, || None);
         for row in 0..self.rows {
@@ -105,20 +125,80 @@ impl<T> TileGrid<T> {
             }
         }
         *self = Self { first: low, columns, rows, tiles };
+        true
     }
 }
 
 impl<T: Clone + Default> TileGrid<T> {
     /// The tile at these tile coordinates, for writing: made if it is new, copied if it is shared.
-    pub fn tile_mut(&mut self, at: Cell) -> &mut T {
-        let inside = |grid: &Self| {
-            (at.x.wrapping_sub(grid.first.x) as u32) < (grid.columns as u32)
-                && (at.y.wrapping_sub(grid.first.y) as u32) < (grid.rows as u32)
-        };
-        if !inside(self) {
-            self.grow_to(at);
+    /// `None` beyond what the grid can span (see [`make_room`](Self::make_room)).
+    #[inline]
+    pub fn tile_mut(&mut self, at: Cell) -> Option<&mut T> {
+        if !self.make_room(at) {
+            return None;
         }
-        let index = (at.y - self.first.y) * self.columns + (at.x - self.first.x);
-        Arc::make_mut(self.tiles[index as usize].get_or_insert_with(|| Arc::new(T::default())))
+        let index = self.index_of(at)?;
+        Some(Arc::make_mut(self.tiles[index].get_or_insert_with(|| Arc::new(T::default()))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    fn tile() -> impl Strategy<Value = (i32, i32)> {
+        (-60..60_i32, -60..60_i32)
+    }
+
+    fn contents(grid: &TileGrid<u32>) -> BTreeMap<(i32, i32), u32> {
+        grid.iter().map(|(at, tile)| ((at.y, at.x), *tile)).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn the_grid_holds_what_was_written_and_copies_do_not_see_later_writes(
+            before in prop::collection::vec((tile(), 1..9_u32), 0..30),
+            after in prop::collection::vec((tile(), 1..9_u32), 0..30),
+        ) {
+            let (mut grid, mut model) = (TileGrid::default(), BTreeMap::new());
+            let write = |grid: &mut TileGrid<u32>, model: &mut BTreeMap<(i32, i32), u32>, writes: &[((i32, i32), u32)]| {
+                for &((x, y), value) in writes {
+                    *grid.tile_mut(Cell { x, y }).unwrap() += value;
+                    *model.entry((y, x)).or_default() += value;
+                }
+            };
+            write(&mut grid, &mut model, &before);
+            let (mut copy, mut copied) = (grid.clone(), model.clone());
+            prop_assert_eq!(copy.tile_counts(), (copied.len(), 0));
+            write(&mut copy, &mut copied, &after);
+            prop_assert_eq!(contents(&grid), model.clone());
+            prop_assert_eq!(contents(&copy), copied);
+            prop_assert!(grid.iter().map(|(at, _)| (at.y, at.x)).is_sorted());
+            for (x, y) in before.iter().chain(&after).map(|(at, _)| *at) {
+                prop_assert_eq!(grid.tile(Cell { x, y }), model.get(&(y, x)));
+            }
+        }
+
+        #[test]
+        fn every_cell_has_a_place_of_its_own_in_its_tile(x in -1000..1000_i32, y in -1000..1000_i32) {
+            let (at, index) = (tile_of(Cell { x, y }), index_in_tile(Cell { x, y }) as i32);
+            prop_assert_eq!((at.x * TILE_SIDE + index % TILE_SIDE, at.y * TILE_SIDE + index / TILE_SIDE), (x, y));
+        }
+    }
+
+    #[test]
+    fn a_stray_tile_far_away_is_refused_and_costs_nothing() {
+        let mut grid = TileGrid::<u32>::default();
+        *grid.tile_mut(Cell { x: 3, y: -2 }).unwrap() = 7;
+        let directory = grid.tiles.len();
+        let far = [1 << 20, i32::MAX >> TILE_BITS, i32::MIN >> TILE_BITS, i32::MAX, i32::MIN];
+        for at in far.map(|x| Cell { x, y: 1 << 20 }).into_iter().chain(far.map(|y| Cell { x: 0, y })) {
+            assert!(grid.tile_mut(at).is_none() && grid.tile(at).is_none());
+        }
+        assert_eq!(grid.tiles.len(), directory);
+        assert_eq!(grid.tile(Cell { x: 3, y: -2 }), Some(&7));
+        assert!(TileGrid::<u32>::default().tile_mut(Cell { x: i32::MIN, y: 0 }).is_none());
     }
 }
