@@ -4,6 +4,8 @@ mod close_loops;
 mod config;
 mod refinement;
 mod submap;
+#[cfg(test)]
+mod tests;
 
 pub use close_loops::{ClosedLoops, ClosureReport, Verdict, close_loops};
 pub use config::LoopClosureConfig;

@@ -23,7 +23,7 @@ pub fn map_of(key_scans: &[KeyScan], poses: &[Pose2], cell_m: f64) -> SurfaceMap
     map
 }
 
-/// The poses at which each scan fits the map best, near where it is.
+/// The poses at which each scan fits the map best, near where it is. Poses without a frame stay.
 #[must_use]
 pub fn refine(
     map: &SurfaceMap,
@@ -32,12 +32,14 @@ pub fn refine(
     matcher: &MatcherConfig,
 ) -> Vec<Pose2> {
     let information = Matrix3::from_diagonal(&[SIGMA_M.powi(-2), SIGMA_M.powi(-2), SIGMA_RAD.powi(-2)].into());
-    frames
+    let mut refined: Vec<Pose2> = frames
         .zip(poses)
         .map(|(frame, pose)| {
             let scan = SurfaceScan::new(&frame.scan, matcher.point_spacing_m);
             let found = match_scan(map, &scan, &PoseBelief { pose: *pose, information }, matcher);
             if found.inlier_share < MIN_INLIER_SHARE { *pose } else { found.belief.pose }
         })
-        .collect()
+        .collect();
+    refined.extend_from_slice(&poses[refined.len()..]);
+    refined
 }

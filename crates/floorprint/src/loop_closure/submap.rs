@@ -13,7 +13,7 @@ pub struct Submap {
     pub key_scans: Range<usize>,
     /// Pose of the first key scan as the front end had it: front end's world from submap.
     pub front_end_from_submap: Pose2,
-    /// Where the robot was on average, in the submap's frame.
+    /// Pose of the key scan half way, in the submap's frame.
     pub middle: Pose2,
     /// Path from the start of the drive to the start of the submap, metres.
     pub path_m: f64,

@@ -1,0 +1,200 @@
+//! Drives of known shape are cut, closed and put right.
+
+use super::{KeyScan, LoopClosureConfig, Submap, Verdict, close_loops, corrected_poses, map_of, refine};
+use crate::geometry::Pose2;
+use crate::scan_matcher::synthetic::{Walls, frame, poses_along};
+use crate::scan_matcher::{MatcherConfig, SurfaceScan};
+use nalgebra::Matrix3;
+use proptest::prelude::*;
+use std::sync::Arc;
+
+/// The key scans that a drive along `truth` takes, at the poses that drifting odometry gives.
+fn key_scans(walls: &Walls, truth: &[Pose2], poses: &[Pose2]) -> Vec<KeyScan> {
+    let key_scan = |(position, (truth, pose)): (usize, (&Pose2, &Pose2))| KeyScan {
+        position,
+        pose: *pose,
+        covariance: Matrix3::identity() * 1e-8,
+        scan: Arc::new(SurfaceScan::new(&walls.scan_from(truth, 361), MatcherConfig::default().point_spacing_m)),
+    };
+    truth.iter().zip(poses).enumerate().map(key_scan).collect()
+}
+
+/// Dead reckoning that turns a little too far with every metre.
+fn drifted(truth: &[Pose2], rad_per_m: f64) -> Vec<Pose2> {
+    let mut poses = vec![Pose2::IDENTITY];
+    for pair in truth.windows(2) {
+        let step = pair[0].between(&pair[1]);
+        let last = poses[poses.len() - 1];
+        poses.push(last.compose(&Pose2::new(step.x, step.y, step.theta + rad_per_m * step.distance())));
+    }
+    poses
+}
+
+/// Largest distance from the truth, both seen from the first pose, metres.
+fn largest_error_m(truth: &[Pose2], poses: &[Pose2]) -> f64 {
+    let error =
+        |(truth_here, pose): (&Pose2, &Pose2)| truth[0].between(truth_here).between(&poses[0].between(pose)).distance();
+    truth.iter().zip(poses).map(error).fold(0.0, f64::max)
+}
+
+/// A corridor around a block, with niches and pillars so that its sides differ.
+fn ring() -> (Walls, Vec<Pose2>) {
+    let walls = Walls::default()
+        .with_box([0.0, 0.0], [11.0, 11.0])
+        .with_box([0.0, 0.0], [8.0, 8.0])
+        .with_box([-6.0, -10.8], [0.6, 0.2])
+        .with_box([2.0, -8.2], [0.3, 0.2])
+        .with_box([10.7, -3.0], [0.3, 1.1])
+        .with_box([8.1, 4.0], [0.1, 0.4])
+        .with_box([4.0, 10.8], [1.5, 0.2])
+        .with_box([-10.8, 1.5], [0.2, 0.5]);
+    let side = 9.5;
+    let corners = [[-side, -side], [side, -side], [side, side], [-side, side], [-side, -side], [side, -side]];
+    (walls, poses_along(&corners, 0.3))
+}
+
+#[test]
+fn a_ring_is_closed() {
+    let (walls, truth) = ring();
+    let poses = drifted(&truth, 0.0006);
+    let key_scans = key_scans(&walls, &truth, &poses);
+    let closed = close_loops(&key_scans, &LoopClosureConfig::default(), &MatcherConfig::default());
+    let accepted = closed.closures.iter().filter(|closure| closure.verdict == Verdict::Accepted).count();
+    assert!(accepted >= 3, "{accepted} closures: {:#?}", closed.closures);
+    let corrected = corrected_poses(&poses, &key_scans, &closed);
+    let (before_m, after_m) = (largest_error_m(&truth, &poses), largest_error_m(&truth, &corrected));
+    // What a closed ring cannot show is how its middle bends.
+    assert!(before_m > 0.5 && after_m < 0.3 * before_m, "{before_m} m, then {after_m} m");
+    let (first, last) = (truth.len() * 4 / 5, truth.len() - 1);
+    let again = |poses: &[Pose2]| {
+        (first..=last)
+            .map(|k| truth[0].between(&truth[k]).between(&poses[0].between(&poses[k])).distance())
+            .fold(0.0, f64::max)
+    };
+    assert!(again(&corrected) < 0.05, "the second pass lies {} m off the first", again(&corrected));
+}
+
+#[test]
+fn the_same_drive_without_drift_is_left_alone() {
+    let (walls, truth) = ring();
+    let poses = drifted(&truth, 0.0);
+    let key_scans = key_scans(&walls, &truth, &poses);
+    let closed = close_loops(&key_scans, &LoopClosureConfig::default(), &MatcherConfig::default());
+    let moved_m = largest_error_m(&truth, &corrected_poses(&poses, &key_scans, &closed));
+    assert!(moved_m < 0.02, "{moved_m} m");
+}
+
+/// Two corridors side by side look the same; they must not be taken for one.
+#[test]
+fn twin_corridors_are_not_tied_together() {
+    let walls = Walls::default().with_loop(&[
+        [0.0, 0.0],
+        [34.0, 0.0],
+        [34.0, 6.4],
+        [0.0, 6.4],
+        [0.0, 4.4],
+        [30.0, 4.4],
+        [30.0, 2.0],
+        [0.0, 2.0],
+    ]);
+    let truth = poses_along(&[[1.0, 1.0], [32.0, 1.0], [32.0, 5.4], [1.0, 5.4]], 0.3);
+    let poses = drifted(&truth, 0.0);
+    let key_scans = key_scans(&walls, &truth, &poses);
+    let closed = close_loops(&key_scans, &LoopClosureConfig::default(), &MatcherConfig::default());
+    let tried = closed.closures.iter().filter(|closure| closure.newer - closure.older > 6).count();
+    assert!(tried > 0, "the test needs candidates");
+    let moved_m = largest_error_m(&truth, &corrected_poses(&poses, &key_scans, &closed));
+    assert!(moved_m < 0.1, "{moved_m} m: {:#?}", closed.closures);
+}
+
+#[test]
+fn every_scan_is_fitted_to_the_map_of_all() {
+    let walls = Walls::room();
+    let truth = poses_along(&[[-1.0, -0.5], [1.0, -0.5], [1.0, 1.0]], 0.1);
+    let key_scans = key_scans(&walls, &truth, &truth);
+    let matcher = MatcherConfig::default();
+    let map = map_of(&key_scans, &truth, matcher.cell_m);
+    let off: Vec<Pose2> = truth
+        .iter()
+        .enumerate()
+        .map(|(k, pose)| {
+            let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+            Pose2::new(pose.x + sign * 0.03, pose.y - 0.02, pose.theta + sign * 0.01)
+        })
+        .collect();
+    // The last frame is missing: its pose stays.
+    let frames = truth[1..].iter().enumerate().map(|(k, _)| frame(k, None, walls.scan_from(&truth[k], 361)));
+    let refined = refine(&map, frames, &off, &matcher);
+    assert_eq!(refined.len(), off.len());
+    assert_eq!(refined.last(), off.last());
+    for (truth, pose) in truth.iter().zip(&refined).rev().skip(1) {
+        assert!(truth.between(pose).distance() < 0.005, "{truth:?} {pose:?}");
+    }
+}
+
+#[test]
+fn a_drive_without_scans_stays_as_it_is() {
+    let poses = [Pose2::IDENTITY, Pose2::new(1.0, 0.0, 0.0)];
+    let closed = close_loops(&[], &LoopClosureConfig::default(), &MatcherConfig::default());
+    assert!(closed.submaps.is_empty() && closed.closures.is_empty());
+    assert_eq!(corrected_poses(&poses, &[], &closed), poses);
+    assert_eq!(map_of(&[], &poses, 0.05).surfaces().count(), 0);
+}
+
+/// Key scans at these poses, without any points.
+fn bare(poses: &[Pose2]) -> Vec<KeyScan> {
+    let scan = Arc::new(SurfaceScan::default());
+    let key_scan = |(position, pose): (usize, &Pose2)| KeyScan {
+        position,
+        pose: *pose,
+        covariance: Matrix3::zeros(),
+        scan: Arc::clone(&scan),
+    };
+    poses.iter().enumerate().map(key_scan).collect()
+}
+
+proptest! {
+    #[test]
+    fn submaps_cover_the_drive_without_gaps(
+        steps in prop::collection::vec(0.0..1.5_f64, 0..60), length_m in 0.5..6.0_f64
+    ) {
+        let mut poses = vec![Pose2::IDENTITY];
+        steps.iter().for_each(|step| poses.push(poses[poses.len() - 1].compose(&Pose2::new(*step, 0.0, 0.1))));
+        let key_scans = bare(&poses);
+        let submaps = Submap::cut(&key_scans, length_m);
+        let mut next = 0;
+        for submap in &submaps {
+            prop_assert_eq!(submap.key_scans.start, next);
+            prop_assert!(!submap.key_scans.is_empty());
+            next = submap.key_scans.end;
+            let path_m: f64 = steps[..submap.key_scans.start].iter().sum();
+            let length: f64 = steps[submap.key_scans.start..submap.key_scans.end - 1].iter().sum();
+            prop_assert!((submap.path_m - path_m).abs() < 1e-9 && length <= length_m + 1e-9);
+            prop_assert_eq!(submap.front_end_from_submap, poses[submap.key_scans.start]);
+        }
+        prop_assert_eq!(next, key_scans.len());
+    }
+
+    #[test]
+    fn corrections_meet_the_submaps_and_change_evenly_in_between(
+        moves in prop::collection::vec((-0.4..0.4_f64, -0.4..0.4_f64, -0.02..0.02_f64), 8)
+    ) {
+        let poses = poses_along(&[[0.0, 0.0], [12.0, 0.0], [12.0, 10.0]], 0.1);
+        let key_scans = bare(&poses);
+        let mut closed = close_loops(&[], &LoopClosureConfig::default(), &MatcherConfig::default());
+        closed.submaps = Submap::cut(&key_scans, 4.0);
+        closed.world_from_submap = closed.submaps.iter().zip(&moves)
+            .map(|(submap, &(x, y, theta))| submap.front_end_from_submap.compose(&Pose2::new(x, y, theta)))
+            .collect();
+        let corrected = corrected_poses(&poses, &key_scans, &closed);
+        prop_assert_eq!(corrected.len(), poses.len());
+        for (submap, world_from_submap) in closed.submaps.iter().zip(&closed.world_from_submap) {
+            prop_assert!(corrected[submap.key_scans.start].between(world_from_submap).distance() < 1e-9);
+        }
+        for (before, after) in poses.windows(2).zip(corrected.windows(2)) {
+            let change = before[0].between(&before[1]).between(&after[0].between(&after[1]));
+            // Corrections of up to 1.2 m spread over 4 m, 0.1 m at a time.
+            prop_assert!(change.distance() < 0.05 && change.theta.abs() < 0.002, "{change:?}");
+        }
+    }
+}
