@@ -94,7 +94,7 @@ impl RaoBlackwellizedFilter {
             .collect();
 
         // All particles moved alike but for noise: the scan is due for all of them or for none.
-        let due = self.particles.iter().any(|particle| particle.is_due(&self.matcher));
+        let due = !scan.is_empty() && self.particles.iter().any(|particle| particle.is_due(&self.matcher));
         if due {
             self.draw_and_weigh(&matches, &scan);
         }
@@ -229,7 +229,7 @@ impl Fit {
         } else {
             Matrix3::zeros()
         };
-        self.result.belief.information.try_inverse().unwrap_or_else(Matrix3::zeros) + blunder
+        self.result.belief.information.try_inverse().unwrap_or_else(Matrix3::identity) + blunder
     }
 
     /// Logarithm of ∫ p(scan | pose) p(pose | odometry) dpose, by Laplace's method around the optimum.
@@ -247,7 +247,7 @@ impl Fit {
 }
 
 impl Particle {
-    /// Moves with the odometry, then to where the scan fits the particle's map.
+    /// Moves with the odometry, then to where the scan fits the particle's map, once there is one.
     fn follow(
         &mut self,
         frame: &Frame,
@@ -255,12 +255,13 @@ impl Particle {
         motion: &MotionConfig,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
-        if self.map.is_empty() {
-            return None;
-        }
         // Without odometry the robot is taken to go on as it did, with room for any change.
         let (step, trust) = frame.motion.map_or((self.last_motion, 0.05), |step| (step, 1.0));
         let prior = PoseBelief { pose: self.pose.compose(&step), information: motion.information(&step) * trust };
+        if self.map.is_empty() {
+            (self.pose, self.last_motion) = (prior.pose, step);
+            return None;
+        }
         let (result, odometry_rejected) = locate(&self.map, scan, &prior, matcher);
         self.last_motion = self.pose.between(&result.belief.pose);
         self.pose = result.belief.pose;
@@ -297,5 +298,155 @@ impl Particle {
                 self.map.add_scan(pose, scan);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::BodyScan;
+    use crate::profiler::NoProfiler;
+    use crate::scan_matcher::synthetic::{Walls, frame, poses_along};
+
+    fn config(particles: usize) -> Config {
+        let mut config = Config::default();
+        config.filter.particles = particles;
+        config
+    }
+
+    /// Odometry of a step, off by a little that changes from step to step.
+    fn odometry(truth: &[Pose2], k: usize) -> Pose2 {
+        let step = if k == 0 { Pose2::IDENTITY } else { truth[k - 1].between(&truth[k]) };
+        let wobble = [0.004, -0.003, 0.005, -0.006][k % 4];
+        if k == 0 { step } else { step.compose(&Pose2::new(wobble, -wobble, wobble)) }
+    }
+
+    /// Laps of 10 m in the room.
+    fn laps(count: usize) -> Vec<Pose2> {
+        let corners: Vec<[f64; 2]> =
+            (0..=4 * count).map(|k| [[-1.5, -1.0], [1.5, -1.0], [1.5, 1.0], [-1.5, 1.0]][k % 4]).collect();
+        poses_along(&corners, 0.12)
+    }
+
+    fn drive(filter: &mut RaoBlackwellizedFilter, truth: &[Pose2]) -> Vec<FilterStep> {
+        let room = Walls::room();
+        let step = |k: usize| frame(k, Some(odometry(truth, k)), room.scan_from(&truth[k], 181));
+        (0..truth.len()).map(|k| filter.process(&step(k), &mut NoProfiler)).collect()
+    }
+
+    fn largest_error_m(filter: &RaoBlackwellizedFilter, truth: &[Pose2]) -> f64 {
+        let error = |(truth_here, stamped): (&Pose2, &StampedPose)| {
+            truth[0].between(truth_here).between(&stamped.pose).distance()
+        };
+        truth.iter().zip(&filter.trajectory()).map(error).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_lap_through_a_room_is_followed_by_one_particle_and_by_many() {
+        let truth = laps(1);
+        for (particles, tolerance_m) in [(1, 0.02), (8, 0.04)] {
+            let mut filter = RaoBlackwellizedFilter::new(&config(particles));
+            let steps = drive(&mut filter, &truth);
+            let error_m = largest_error_m(&filter, &truth);
+            assert!(error_m < tolerance_m, "{particles} particles: {error_m} m");
+            let all = particles as f64;
+            assert!(steps.iter().all(|step| (1.0 - 1e-9..=all + 1e-9).contains(&step.effective_particles)));
+            assert!(particles > 1 || steps.iter().all(|step| !step.resampled));
+            assert_eq!(filter.trajectory().len(), truth.len());
+        }
+    }
+
+    #[test]
+    fn particles_are_drawn_anew_when_few_are_effective() {
+        let truth = laps(1);
+        for (share, least, most) in [(0.0, 0, 0), (0.5, 1, truth.len()), (1.0, truth.len() / 3, truth.len())] {
+            let mut config = config(6);
+            config.filter.resample_below = share;
+            let steps = drive(&mut RaoBlackwellizedFilter::new(&config), &truth);
+            let resampled = steps.iter().filter(|step| step.resampled).count();
+            assert!((least..=most).contains(&resampled), "below {share}: {resampled} times");
+            for step in steps.iter().filter(|step| step.resampled) {
+                assert!(step.effective_particles < share * 6.0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_nothing() {
+        let truth = &laps(1)[..40];
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut filter = RaoBlackwellizedFilter::new(&config(5));
+                drive(&mut filter, truth);
+                filter.trajectory()
+            })
+        };
+        assert_eq!(run(1), run(3));
+    }
+
+    #[test]
+    fn key_scans_are_taken_after_every_step_of_the_robot_and_lie_on_the_trajectory() {
+        let mut truth = vec![laps(1)[0]; 20];
+        truth.extend(laps(1));
+        let mut filter = RaoBlackwellizedFilter::new(&config(3));
+        drive(&mut filter, &truth);
+        let (key_scans, trajectory) = (filter.key_scans(), filter.trajectory());
+        assert_eq!(key_scans[0].position, 0);
+        assert!(key_scans[1].position >= 20, "a robot that stands still sees nothing new");
+        assert!(key_scans.len() > truth.len() / 2);
+        for key_scan in &key_scans {
+            assert_eq!(key_scan.pose, trajectory[key_scan.position].pose);
+            assert!(key_scan.covariance.iter().all(|value| value.is_finite()));
+        }
+    }
+
+    #[test]
+    fn a_drive_that_begins_in_the_dark_goes_by_odometry_until_it_sees() {
+        let truth = laps(1);
+        let room = Walls::room();
+        let mut filter = RaoBlackwellizedFilter::new(&config(2));
+        for k in 0..60 {
+            let scan = if k < 30 { BodyScan::default() } else { room.scan_from(&truth[k], 181) };
+            let step = filter.process(&frame(k, Some(odometry(&truth, k)), scan), &mut NoProfiler);
+            let error = truth[0].between(&truth[k]).between(&step.pose);
+            assert!(error.distance() < 0.1, "scan {k}: {} m", error.distance());
+        }
+        assert!(filter.key_scans().len() > 10 && filter.key_scans()[0].position == 30);
+    }
+
+    #[test]
+    fn a_blackout_in_the_middle_is_bridged() {
+        let truth = laps(1);
+        let room = Walls::room();
+        let mut filter = RaoBlackwellizedFilter::new(&config(1));
+        for k in 0..truth.len() {
+            let scan = if (30..45).contains(&k) { BodyScan::default() } else { room.scan_from(&truth[k], 181) };
+            let step = filter.process(&frame(k, Some(odometry(&truth, k)), scan), &mut NoProfiler);
+            assert!(truth[0].between(&truth[k]).between(&step.pose).distance() < 0.1, "scan {k}");
+        }
+    }
+
+    /// Lap after lap only the trail and the key scans grow; the maps remember the window alone.
+    #[test]
+    fn memory_of_the_maps_stays_flat_lap_after_lap() {
+        let laps = laps(12);
+        let mut filter = RaoBlackwellizedFilter::new(&config(2));
+        let room = Walls::room();
+        let (mut tiles, mut surfaces, mut written) = (Vec::new(), Vec::new(), Vec::new());
+        for k in 0..laps.len() {
+            filter.process(&frame(k, Some(odometry(&laps, k)), room.scan_from(&laps[k], 181)), &mut NoProfiler);
+            let particle = &filter.particles[0];
+            assert!(particle.mapped_m <= filter.window_m + 0.2);
+            tiles.push(particle.map.tile_counts().0);
+            surfaces.push(particle.map.surfaces().count());
+            written.push(particle.written.len());
+        }
+        let most = |counts: &[usize]| counts.iter().copied().max().unwrap_or(0) as f64;
+        let (early, late) = (..laps.len() / 3, laps.len() * 2 / 3..);
+        assert!(most(&tiles[late.clone()]) <= most(&tiles[early]));
+        assert!(most(&surfaces[late.clone()]) <= 1.1 * most(&surfaces[early]), "{}", most(&surfaces[late.clone()]));
+        assert!(most(&written[late]) <= 1.05 * most(&written[early]));
+        assert!(largest_error_m(&filter, &laps) < 0.05, "{} m", largest_error_m(&filter, &laps));
     }
 }
