@@ -52,13 +52,13 @@ impl TextureError {
         seen: Option<&Raster<bool>>,
         options: &TextureErrorOptions,
     ) -> Result<Self, EvaluationError> {
-        let sums = ColorSums::new(truth);
-        let unshifted = Difference::at_shift(estimate, &sums, [0.0, 0.0]);
-        let mut best = unshifted;
         let reach = i64::from(options.max_shift_cells);
-        for (y, x) in (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (y, x))) {
-            let shift_m = [x as f64 * estimate.resolution_m, y as f64 * estimate.resolution_m];
-            let shifted = Difference::at_shift(estimate, &sums, shift_m);
+        let expected = Expected::new(estimate, truth, reach);
+        let painted: Vec<usize> = (0..estimate.cells.len()).filter(|index| estimate.cells[*index].is_some()).collect();
+        let unshifted = Difference::at_shift(estimate, &painted, &expected, [0, 0]);
+        let mut best = unshifted;
+        for shift in (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| [x, y])) {
+            let shifted = Difference::at_shift(estimate, &painted, &expected, shift);
             if shifted.mean() < best.mean() {
                 best = shifted;
             }
@@ -98,14 +98,15 @@ struct Difference {
 }
 
 impl Difference {
-    fn at_shift(estimate: &FloorImage, truth: &ColorSums, shift_m: [f64; 2]) -> Self {
+    fn at_shift(estimate: &FloorImage, painted: &[usize], expected: &Expected, shift: [i64; 2]) -> Self {
+        let shift_m = shift.map(|cells| cells as f64 * estimate.resolution_m);
         let mut difference = Self { sum: 0.0, compared: 0, off_the_floor: 0, shift_m };
-        for (index, color) in estimate.cells.iter().enumerate() {
-            let Some(color) = color else { continue };
-            let [x, y] = estimate.center_m(index);
-            match truth.mean_in_square([x + shift_m[0], y + shift_m[1]], estimate.resolution_m) {
+        for &index in painted {
+            let Some(color) = estimate.cells[index] else { continue };
+            let (row, column) = estimate.row_and_column(index);
+            match expected.at(row - shift[1], column + shift[0]) {
                 Some(mean) => {
-                    let channels = color.iter().zip(mean).map(|(c, m)| (f64::from(*c) - m).abs());
+                    let channels = color.iter().zip(mean).map(|(c, m)| (f64::from(*c) - f64::from(m)).abs());
                     difference.sum += channels.sum::<f64>() / 3.0;
                     difference.compared += 1;
                 }
@@ -121,56 +122,54 @@ impl Difference {
     }
 }
 
-/// Summed-area table of red, green, blue and the number of cells with a colour: the
-/// mean over any square costs four look-ups.
-struct ColorSums<'a> {
-    image: &'a FloorImage,
-    sums: Vec<[u64; 4]>,
+/// The true colours in the estimate's own cells, and in as many around it as it is shifted.
+struct Expected {
+    width: i64,
+    margin: i64,
+    colors: Vec<Option<[f32; 3]>>,
 }
 
-impl<'a> ColorSums<'a> {
-    fn new(image: &'a FloorImage) -> Self {
-        let stride = image.width + 1;
-        let mut sums = vec![[0; 4]; stride * (image.height + 1)];
-        for row in 0..image.height {
-            let mut row_sum = [0; 4];
-            for column in 0..image.width {
-                if let Some(color) = image.cells[row * image.width + column] {
-                    row_sum[3] += 1;
-                    for channel in 0..3 {
-                        row_sum[channel] += u64::from(color[channel]);
-                    }
-                }
-                let above = sums[row * stride + column + 1];
-                sums[(row + 1) * stride + column + 1] = std::array::from_fn(|i| above[i] + row_sum[i]);
-            }
-        }
-        Self { image, sums }
+impl Expected {
+    fn new(estimate: &FloorImage, truth: &FloorImage, margin: i64) -> Self {
+        let (width, height) = (estimate.width as i64 + 2 * margin, estimate.height as i64 + 2 * margin);
+        let left_m = estimate.origin_m[0] - margin as f64 * estimate.resolution_m;
+        let top_m = estimate.origin_m[1] + (estimate.height as i64 + margin) as f64 * estimate.resolution_m;
+        let cells = (0..height).flat_map(|row| (0..width).map(move |column| [column, row]));
+        let center_m = |[column, row]: [i64; 2]| {
+            let from_corner = |cells: i64| (cells as f64 + 0.5) * estimate.resolution_m;
+            [left_m + from_corner(column), top_m - from_corner(row)]
+        };
+        let colors = cells.map(|cell| mean_in_square(truth, center_m(cell), estimate.resolution_m)).collect();
+        Self { width, margin, colors }
     }
 
-    /// The mean colour over the cells whose centres lie in a square, at least the
-    /// one that holds its centre; `None` where no cell has a colour.
-    fn mean_in_square(&self, center_m: [f64; 2], side_m: f64) -> Option<[f64; 3]> {
-        let image = self.image;
-        let cells = ((side_m / image.resolution_m).round() as i64).max(1);
-        let offset_m = 0.5 * (cells - 1) as f64 * image.resolution_m;
-        // The top left cell of the square; the small push decides ties between cells the same way everywhere.
-        let push_m = 1e-6 * image.resolution_m;
-        let corner_m = [center_m[0] - offset_m + push_m, center_m[1] + offset_m + push_m];
-        let (row, column) = image.row_and_column_at(corner_m);
-        let rows = row.clamp(0, image.height as i64) as usize..(row + cells).clamp(0, image.height as i64) as usize;
-        let columns =
-            column.clamp(0, image.width as i64) as usize..(column + cells).clamp(0, image.width as i64) as usize;
-        let stride = image.width + 1;
-        let sum = |row: usize, column: usize, i: usize| self.sums[row * stride + column][i];
-        let total = |i| {
-            sum(rows.end, columns.end, i) + sum(rows.start, columns.start, i)
-                - sum(rows.start, columns.end, i)
-                - sum(rows.end, columns.start, i)
-        };
-        let count = total(3);
-        (count > 0).then(|| std::array::from_fn(|i| total(i) as f64 / count as f64))
+    /// The true colour at a row and a column of the estimate; `None` where there is no floor.
+    fn at(&self, row: i64, column: i64) -> Option<[f32; 3]> {
+        let (row, column) = (row + self.margin, column + self.margin);
+        self.colors[(row * self.width + column) as usize]
     }
+}
+
+/// The mean colour over the cells whose centres lie in a square, at least the
+/// one that holds its centre; `None` where no cell has a colour.
+fn mean_in_square(image: &FloorImage, center_m: [f64; 2], side_m: f64) -> Option<[f32; 3]> {
+    let cells = ((side_m / image.resolution_m).round() as i64).max(1);
+    let offset_m = 0.5 * (cells - 1) as f64 * image.resolution_m;
+    // The top left cell of the square; the small push decides ties between cells the same way everywhere.
+    let push_m = 1e-6 * image.resolution_m;
+    let corner_m = [center_m[0] - offset_m + push_m, center_m[1] + offset_m + push_m];
+    let (row, column) = image.row_and_column_at(corner_m);
+    let inside =
+        |first: i64, size: usize| first.clamp(0, size as i64) as usize..(first + cells).clamp(0, size as i64) as usize;
+    let columns = inside(column, image.width);
+    let (mut sum, mut count) = ([0_u64; 3], 0_u64);
+    for row in inside(row, image.height) {
+        for color in image.cells[row * image.width..][columns.clone()].iter().flatten() {
+            sum = std::array::from_fn(|channel| sum[channel] + u64::from(color[channel]));
+            count += 1;
+        }
+    }
+    (count > 0).then(|| sum.map(|sum| (sum as f64 / count as f64) as f32))
 }
 
 #[cfg(test)]
@@ -203,11 +202,10 @@ mod tests {
     fn a_coarser_floor_is_compared_with_the_mean_of_the_fine_one() {
         let truth = floor(0.01);
         let coarse = floor(0.02).map(|_, center| {
-            let sums = ColorSums::new(&truth);
-            let mean = sums.mean_in_square(center, 0.02).unwrap();
+            let mean = mean_in_square(&truth, center, 0.02).unwrap();
             let (row, column) = truth.row_and_column_at([center[0] - 0.005, center[1] + 0.005]);
             let corner = truth.cells[truth.index(row, column).unwrap()].unwrap();
-            assert!((mean[0] - f64::from(corner[0])).abs() < 20.0);
+            assert!((mean[0] - f32::from(corner[0])).abs() < 20.0);
             Some(mean.map(|m| m.round() as u8))
         });
         assert!(error(&coarse, &truth, 0).mean_absolute_error <= 0.5);
