@@ -1,10 +1,14 @@
 //! `report.json`: what a run was, what it found, how good that is, what it cost.
 
 mod chart;
+mod contradiction;
+mod loops;
 mod page;
 
 pub(crate) use page::{Exhibits, page};
 
+use self::contradiction::Contradiction;
+use self::loops::Loops;
 use crate::solve::Solution;
 use crate::stopwatch::{PhaseTime, Stopwatch, peak_memory_bytes};
 use crate::truth::Errors;
@@ -33,6 +37,9 @@ pub(crate) struct Report {
     pub(crate) drive: Drive,
     /// The filter.
     pub(crate) filter: FilterSummary,
+    /// Loop closures; absent when none were looked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) loops: Option<Loops>,
     /// The map.
     pub(crate) map: MapSummary,
     /// The floor; absent when it was not painted.
@@ -70,6 +77,8 @@ pub(crate) struct Drive {
     pub(crate) scans: usize,
     /// Poses in the trajectory.
     pub(crate) poses: usize,
+    /// Stamp of the first pose, seconds.
+    pub(crate) start_s: f64,
     /// From the first pose to the last, seconds.
     pub(crate) duration_s: f64,
     /// Length of the path, metres.
@@ -85,8 +94,10 @@ pub(crate) struct FilterSummary {
     pub(crate) particles: usize,
     /// How often they were drawn anew.
     pub(crate) resamplings: usize,
-    /// Scans at which the odometry was not believed.
+    /// Scans that contradicted the odometry; there the scan decided.
     pub(crate) odometry_rejections: usize,
+    /// The stretches on which they did.
+    pub(crate) contradictions: Vec<Contradiction>,
     /// Mean effective number of particles.
     pub(crate) mean_effective_particles: f64,
     /// Mean match score.
@@ -120,6 +131,8 @@ pub(crate) struct TextureSummary {
     pub(crate) painted_m2: f64,
     /// Pairs of images that show floor.
     pub(crate) images: usize,
+    /// Pairs left out because the robot had hardly moved since the one before.
+    pub(crate) images_of_nothing_new: usize,
 }
 
 /// Data of one kind that were not used.
@@ -177,11 +190,13 @@ impl Report {
             partial: solution.partial,
             drive: Drive::new(solution),
             filter: FilterSummary::new(config, solution),
+            loops: config.loop_closure.enabled.then(|| Loops::new(&solution.closures, &solution.trajectory)),
             map: MapSummary::new(map),
             texture: solution.floor.as_ref().map(|floor| TextureSummary {
                 resolution_m: floor.map.resolution_m,
                 painted_m2: floor.painted_m2(),
                 images: floor.stamps_s.len(),
+                images_of_nothing_new: floor.nothing_new,
             }),
             errors: Errors::default(),
             dropped,
@@ -216,6 +231,7 @@ impl Drive {
         Self {
             scans: solution.summary.scans,
             poses: poses.len(),
+            start_s: stamps.map_or(0.0, |(first, _)| first.stamp_s),
             duration_s: stamps.map_or(0.0, |(first, last)| last.stamp_s - first.stamp_s),
             length_m: poses.windows(2).fold(0.0, |sum, pair| sum + pair[0].pose.between(&pair[1].pose).distance()),
             odometry: solution.summary.source,
@@ -233,6 +249,7 @@ impl FilterSummary {
             particles: config.filter.particles,
             resamplings: count(|step| step.filter.resampled),
             odometry_rejections: count(|step| step.filter.odometry_rejected),
+            contradictions: Contradiction::all(steps),
             mean_effective_particles: mean(|step| step.filter.effective_particles),
             mean_score: mean(|step| step.filter.score),
             mean_inlier_share: mean(|step| step.filter.inlier_share),

@@ -3,10 +3,12 @@
 use crate::interrupt::Interrupt;
 use crate::snapshots::Snapshots;
 use crate::terminal::Terminal;
+use floorprint::geometry::Pose2;
+use floorprint::loop_closure::ClosureReport;
 use floorprint::map::OccupancyGrid;
 use floorprint::odometry::{Frames, SynchronisationSummary, Trajectory};
 use floorprint::sensors::StampedPose;
-use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time};
+use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
 use floorprint::{Config, Phase, Profiler, Slam, StepReport};
 use floorprint_io::{DataSet, ImageIndex};
 use rayon::prelude::*;
@@ -20,6 +22,8 @@ pub(crate) struct Solution {
     pub(crate) trajectory: Vec<StampedPose>,
     /// Dead reckoning at every scan.
     pub(crate) odometry: Vec<StampedPose>,
+    /// Every comparison of places that were passed more than once.
+    pub(crate) closures: Vec<ClosureReport>,
     /// The occupancy grid.
     pub(crate) map: OccupancyGrid,
     /// The painted floor, where there were images.
@@ -38,6 +42,8 @@ pub(crate) struct Floor {
     pub(crate) map: TextureMap,
     /// Times of the images that show floor, seconds.
     pub(crate) stamps_s: Vec<f64>,
+    /// Pairs of images left out because the robot had hardly moved since the one before.
+    pub(crate) nothing_new: usize,
     /// Images that were not used, by reason.
     pub(crate) skipped: BTreeMap<String, usize>,
 }
@@ -108,6 +114,7 @@ pub(crate) fn solve(
         odometry: frames.dead_reckoned_poses().take(positions).collect(),
         summary: frames.summary().clone(),
         trajectory: result.trajectory,
+        closures: result.closures,
         map: result.map,
         steps,
         floor,
@@ -129,10 +136,14 @@ fn paint(
     let stamps = |entries: &[floorprint_io::ImageEntry]| entries.iter().map(|entry| entry.stamp_s).collect::<Vec<_>>();
     let pairing = pair_by_time(&stamps(&images.disparity), &stamps(&images.color), config.texture.pairing_gap_max_s);
     let dead_reckoning = frames.dead_reckoning();
-    let progress = around.terminal.progress("painting", "images", pairing.pairs.len());
+    let trajectory = Trajectory::new(poses);
+    let pose_at = |stamp_s: f64| trajectory.pose_at(stamp_s, dead_reckoning);
+    let places: Vec<Pose2> = pairing.pairs.iter().map(|pair| pose_at(images.color[pair.color].stamp_s)).collect();
+    let kept = spaced(&places, config.texture.image_spacing_m, config.texture.image_spacing_rad);
+    let pairs: Vec<_> = pairing.pairs.iter().zip(kept).filter(|(_, kept)| *kept).map(|(pair, _)| pair).collect();
+    let progress = around.terminal.progress("painting", "images", pairs.len());
 
-    let outcomes: Vec<Result<FloorPatch, String>> = pairing
-        .pairs
+    let outcomes: Vec<Result<FloorPatch, String>> = pairs
         .par_iter()
         .filter(|_| !around.interrupt.requested())
         .map(|pair| {
@@ -163,10 +174,10 @@ fn paint(
             Err(reason) => count(reason, 1),
         }
     }
-    let trajectory = Trajectory::new(poses);
     let stamps_s: Vec<f64> = patches.iter().map(|patch| patch.stamp_s).collect();
-    let poses: Vec<_> = stamps_s.iter().map(|&stamp_s| trajectory.pose_at(stamp_s, dead_reckoning)).collect();
-    Ok(Floor { map: mapper.paint(&patches, &poses), stamps_s, skipped })
+    let places: Vec<Pose2> = stamps_s.iter().map(|&stamp_s| pose_at(stamp_s)).collect();
+    let nothing_new = pairing.pairs.len() - pairs.len();
+    Ok(Floor { map: mapper.paint(&patches, &places), stamps_s, nothing_new, skipped })
 }
 
 /// Why an image pair shows no floor, for people.

@@ -38,6 +38,20 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
             )?;
         }
     }
+    let filter = &report.filter;
+    if filter.odometry_rejections > 0 {
+        line(
+            "conflicts",
+            format!(
+                "the scan won over the odometry {} times, in {} stretches",
+                filter.odometry_rejections,
+                filter.contradictions.len()
+            ),
+        )?;
+    }
+    if let Some(loops) = &report.loops {
+        line("loops", format!("{} closed, {} candidates rejected", loops.closed, loops.rejected))?;
+    }
     let map = &report.map;
     let quality = errors.map.map_or(String::new(), |quality| {
         format!(", F1 {:.4} (precision {:.4}, recall {:.4})", quality.f1, quality.precision, quality.recall)

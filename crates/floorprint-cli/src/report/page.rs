@@ -8,12 +8,16 @@ use crate::solve::Solution;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use floorprint::evaluation::{ErrorStatistics, PoseError, StampIndex};
+use floorprint::loop_closure::ClosureReport;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::OdometrySource;
 use floorprint::sensors::StampedPose;
 use floorprint::{Config, StepReport};
 use std::fmt::Write;
 use std::path::Path;
+
+/// Most stretches of contradiction that are listed; `report.json` has them all.
+const STRETCHES_SHOWN: usize = 8;
 
 /// What the page shows besides the report's figures.
 pub(crate) struct Exhibits<'a> {
@@ -45,6 +49,7 @@ pub(crate) fn page(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, p
         tiles(report),
         map_section(report, exhibits)?,
         floor_section(report, exhibits),
+        loops_and_contradictions(report),
         charts(report, exhibits.solution),
         errors(report),
         cost_and_losses(report),
@@ -151,6 +156,11 @@ fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::
         layers.push(("truth", "truth", "truth"));
         svg.push_str(&view.path("truth", truth));
     }
+    if let Some(loops) = report.loops.as_ref().filter(|loops| loops.closed > 0) {
+        layers.push(("loops", "loops", "loops closed"));
+        let ends = loops.accepted().map(|closure| closure.frames.map(|frame| &solution.trajectory[frame]));
+        svg.push_str(&view.segments("loops", ends));
+    }
     svg.push_str(&view.path("trajectory", &solution.trajectory));
     svg.push_str(&view.ends(&solution.trajectory));
     svg.push_str(&view.scale_bar());
@@ -182,6 +192,10 @@ fn floor_section(report: &Report, exhibits: &Exhibits<'_>) -> String {
         ],
     }
     .with_room_for_scale_bar();
+    let nothing_new = match summary.images_of_nothing_new {
+        0 => String::new(),
+        pairs => format!(" ({pairs} more show the same places)"),
+    };
     let mut svg = view.image("", map.origin_m, map.width, map.height, map.resolution_m, png);
     svg.push_str(&view.path("trajectory", &exhibits.solution.trajectory));
     svg.push_str(&view.scale_bar());
@@ -189,12 +203,63 @@ fn floor_section(report: &Report, exhibits: &Exhibits<'_>) -> String {
         "<section class=\"card\"><div class=\"head\"><h2>Floor</h2><div class=\"layers\">\
          <label><input type=\"checkbox\" id=\"show-path\"><i class=\"trajectory\"></i>trajectory</label></div></div>\
          <div class=\"paper plan floor\">{}</div>\
-         <p class=\"caption\">{:.1} m² painted from {} image pairs, {:.0} mm cells.</p></section>\n",
+         <p class=\"caption\">{:.1} m² painted from {} image pairs{nothing_new}, {:.0} mm cells.</p></section>\n",
         view.svg("colours of the floor", &svg),
         summary.painted_m2,
         summary.images,
         1e3 * summary.resolution_m
     )
+}
+
+fn loops_and_contradictions(report: &Report) -> String {
+    let mut cards = String::new();
+    if let Some(loops) = &report.loops {
+        let mut rows = String::new();
+        for verdict in &loops.verdicts {
+            let _ = write!(rows, "<tr><td>{}</td><td>{}</td></tr>", verdict.meaning, verdict.count);
+        }
+        let most = |of: fn(&ClosureReport) -> f64| loops.accepted().map(of).fold(0.0, f64::max);
+        let caption = if loops.candidates.is_empty() {
+            "No place was passed twice.".to_owned()
+        } else {
+            format!(
+                "Places passed more than once, compared with each other. The largest correction was {:.2} m and {:.1}°.",
+                most(|closure| closure.correction_m),
+                most(|closure| closure.correction_rad.abs().to_degrees())
+            )
+        };
+        let _ = write!(
+            cards,
+            "<section class=\"card\"><h2>Loops</h2><table><tbody>{rows}</tbody></table><p class=\"caption\">{caption}</p></section>"
+        );
+    }
+    let contradictions = &report.filter.contradictions;
+    if !contradictions.is_empty() {
+        let start_s = report.drive.start_s;
+        let mut longest: Vec<_> = contradictions.iter().collect();
+        longest.sort_by_key(|stretch| std::cmp::Reverse(stretch.scans));
+        let mut rows = String::new();
+        for stretch in longest.iter().take(STRETCHES_SHOWN) {
+            let _ = write!(
+                rows,
+                "<tr><td>{:.1} s – {:.1} s</td><td>{}</td></tr>",
+                stretch.from_s - start_s,
+                stretch.to_s - start_s,
+                stretch.scans
+            );
+        }
+        let _ = write!(
+            cards,
+            "<section class=\"card\"><h2>Scan against odometry</h2><table><thead><tr><th>time of the drive</th>\
+             <th>scans</th></tr></thead><tbody>{rows}</tbody></table>\
+             <p class=\"caption\">They contradicted each other at {} of {} scans, in {} stretches{}; there the scan won.</p></section>",
+            report.filter.odometry_rejections,
+            report.drive.scans,
+            contradictions.len(),
+            if contradictions.len() > STRETCHES_SHOWN { ", the longest of which are listed" } else { "" }
+        );
+    }
+    format!("<div class=\"pair\">{cards}</div>\n")
 }
 
 fn charts(report: &Report, solution: &Solution) -> String {
@@ -408,6 +473,15 @@ impl View {
             let command = if last.is_none() { 'M' } else { 'L' };
             let _ = write!(data, "{command}{:.3} {:.3}", pose.x, -pose.y);
             last = Some([pose.x, pose.y]);
+        }
+        format!("<path class=\"{class}\" d=\"{data}\"/>")
+    }
+
+    /// Straight lines, each between two poses.
+    fn segments<'a>(&self, class: &str, ends: impl Iterator<Item = [&'a StampedPose; 2]>) -> String {
+        let mut data = String::new();
+        for [from, to] in ends {
+            let _ = write!(data, "M{:.3} {:.3}L{:.3} {:.3}", from.pose.x, -from.pose.y, to.pose.x, -to.pose.y);
         }
         format!("<path class=\"{class}\" d=\"{data}\"/>")
     }

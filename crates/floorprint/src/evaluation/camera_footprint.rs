@@ -20,9 +20,11 @@ pub fn camera_footprint(world_from_body: &[Pose2], camera: &CameraConfig, truth:
     let columns: Vec<_> = (0..COLUMNS).map(|column| floor_along_column(camera, column)).collect();
     let mut seen = truth.map(|_, _| false);
     for pose in world_from_body {
+        let (sin, cos) = pose.theta.sin_cos();
         for points_m in &columns {
-            for point_m in points_m {
-                let (row, column) = truth.row_and_column_at(pose.transform_point(*point_m));
+            for [x_m, y_m] in points_m {
+                let point_m = [pose.x + cos * x_m - sin * y_m, pose.y + sin * x_m + cos * y_m];
+                let (row, column) = truth.row_and_column_at(point_m);
                 match truth.index(row, column) {
                     Some(index) if truth.cells[index] == Occupancy::Free => seen.cells[index] = true,
                     _ => break,

@@ -12,15 +12,18 @@ use crate::map::SurfaceMap;
 use crate::pose_graph::{BetweenFactor, Optimizer, OptimizerConfig, PoseGraph, PriorFactor, RobustKernel};
 use crate::scan_matcher::{MatchResult, MatcherConfig, PoseBelief, SearchWindow, SurfaceScan, match_scan, search};
 use nalgebra::Matrix3;
+use serde::Serialize;
 use std::collections::BTreeSet;
 
 /// A comparison of two submaps, for the report.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ClosureReport {
     /// The older submap.
     pub older: usize,
     /// The newer submap.
     pub newer: usize,
+    /// Which frames lie in the middle of the two, counted from 0.
+    pub frames: [usize; 2],
     /// Path between their starts, metres.
     pub path_m: f64,
     /// How far the newer one was moved against where it was thought to be, metres.
@@ -34,7 +37,8 @@ pub struct ClosureReport {
 }
 
 /// What became of a candidate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Tied together.
     Accepted,
@@ -240,6 +244,7 @@ impl Search<'_> {
         let mut report = ClosureReport {
             older,
             newer,
+            frames: [older, newer].map(|index| self.key_scans[self.submaps[index].middle_key_scan()].position),
             path_m,
             correction_m: 0.0,
             correction_rad: 0.0,

@@ -40,8 +40,15 @@ impl Submap {
 
     fn new(key_scans: &[KeyScan], range: Range<usize>, path_m: f64) -> Self {
         let front_end_from_submap = key_scans[range.start].pose;
-        let middle = key_scans[range.start + range.len() / 2].pose;
-        Self { key_scans: range, front_end_from_submap, middle: front_end_from_submap.between(&middle), path_m }
+        let mut submap = Self { key_scans: range, front_end_from_submap, middle: Pose2::IDENTITY, path_m };
+        submap.middle = front_end_from_submap.between(&key_scans[submap.middle_key_scan()].pose);
+        submap
+    }
+
+    /// The key scan half-way through the submap.
+    #[must_use]
+    pub fn middle_key_scan(&self) -> usize {
+        self.key_scans.start + self.key_scans.len() / 2
     }
 
     /// The surfaces that the submap's key scans saw, in its frame.

@@ -1,11 +1,7 @@
 //! Options of the pose graph's optimiser.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 /// When the optimiser stops, and how carefully it starts.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct OptimizerConfig {
     /// Most steps that are taken.
     pub max_iterations: usize,

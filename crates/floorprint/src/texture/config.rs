@@ -34,6 +34,13 @@ pub struct TextureConfig {
     /// A disparity and a colour image form a pair when their stamps differ by at most this, seconds.
     #[schemars(range(min = 0.0))]
     pub pairing_gap_max_s: f64,
+    /// An image is used when the body has moved by at least this since the last one that was, metres, or
+    /// has turned by `image_spacing_rad`. 0 uses every image.
+    #[schemars(range(min = 0.0))]
+    pub image_spacing_m: f64,
+    /// The same for turns, radians. 0 uses every image.
+    #[schemars(range(min = 0.0))]
+    pub image_spacing_rad: f64,
     /// Whether brightness and tint of the images are balanced where they show the same floor.
     pub exposure_compensation: bool,
 }
@@ -50,6 +57,8 @@ impl Default for TextureConfig {
             height_error_max_m: 0.06,
             tilt_smoothing_s: 5.0,
             pairing_gap_max_s: 0.1,
+            image_spacing_m: 0.1,
+            image_spacing_rad: 0.1,
             exposure_compensation: true,
         }
     }

@@ -42,8 +42,14 @@ struct Observation {
 /// The gains' logarithms are drawn to zero by their expected spread, so the colours as a
 /// whole stay what they are.
 pub(super) fn balancing_factors(placed: &[PlacedPatch<'_>]) -> Vec<[f32; 3]> {
-    let mut observations: Vec<Observation> =
-        placed.par_iter().enumerate().map(|(image, patch)| observe(image as u32, patch)).collect::<Vec<_>>().concat();
+    let mut observations: Vec<Observation> = placed
+        .par_iter()
+        .enumerate()
+        .map(|(image, patch)| observe(image as u32, patch))
+        .collect::<Vec<_>>()
+        .into_iter()
+        .flatten()
+        .collect();
     observations.sort_unstable_by_key(|observation| (observation.cell, observation.image));
     let gains = fit_gains(&observations, placed.len());
     gains

@@ -10,6 +10,7 @@ mod floor_patch;
 mod floor_plane;
 mod painter;
 mod pairing;
+mod spacing;
 mod summary;
 
 pub use camera_error::CameraError;
@@ -19,4 +20,5 @@ pub use floor_patch::FloorPatch;
 pub use floor_plane::FloorTilt;
 pub use painter::TextureMap;
 pub use pairing::{ImagePair, ImagePairing, pair_by_time};
+pub use spacing::spaced;
 pub use summary::TextureSummary;
