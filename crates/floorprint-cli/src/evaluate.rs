@@ -2,13 +2,18 @@
 
 use crate::outcome::Outcome;
 use crate::terminal::{HEADING, Terminal};
+use crate::truth::seen_floor;
+use anyhow::Context as _;
 use clap::{Args, Subcommand, ValueEnum};
+use floorprint::config::{Config, Layer};
 use floorprint::evaluation::{
     Alignment, ErrorStatistics, MapQuality, MapQualityOptions, RelationReport, Span, TextureError, TextureErrorOptions,
     TrajectoryError, TrajectoryErrorOptions,
 };
+use floorprint::map::Raster;
 use floorprint_io::{read_floor, read_map, read_relations, read_trajectory};
 use serde::Serialize;
+use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -172,7 +177,8 @@ impl Map {
 impl Texture {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
         let options = TextureErrorOptions { max_shift_cells: self.max_shift };
-        let error = TextureError::new(&read_floor(&self.texture)?, &read_floor(&self.truth)?, None, &options)?;
+        let seen = self.seen_floor()?;
+        let error = TextureError::new(&read_floor(&self.texture)?, &read_floor(&self.truth)?, seen.as_ref(), &options)?;
         if self.json {
             return print_json(out, &error);
         }
@@ -187,7 +193,27 @@ impl Texture {
             error.shift_m[0], error.shift_m[1], error.unshifted_mean_absolute_error
         )?;
         writeln!(out, "painted off the true floor: {} cells", error.cells_off_the_floor)?;
+        match error.coverage {
+            Some(share) => writeln!(out, "painted of the floor that the camera saw: {:.2} %", 100.0 * share)?,
+            None => writeln!(
+                out,
+                "coverage unknown: needs images.tum and config.toml beside the texture, truth.tum and truth_map.yaml beside the truth"
+            )?,
+        }
         Ok(())
+    }
+
+    /// The floor that the camera saw, where all that it follows from lies beside the two files.
+    fn seen_floor(&self) -> anyhow::Result<Option<Raster<bool>>> {
+        let [images, config] = ["images.tum", "config.toml"].map(|name| self.texture.with_file_name(name));
+        let [truth, map] = ["truth.tum", "truth_map.yaml"].map(|name| self.truth.with_file_name(name));
+        if ![&images, &config, &truth, &map].iter().all(|path| path.is_file()) {
+            return Ok(None);
+        }
+        let text = fs::read_to_string(&config).with_context(|| format!("cannot read {}", config.display()))?;
+        let config = Config::resolve(&[Layer::from_toml(&config.display().to_string(), &text)?])?;
+        let Some(camera) = &config.robot.camera else { return Ok(None) };
+        Ok(Some(seen_floor(&read_trajectory(&images)?, &read_trajectory(&truth)?, camera, &read_map(&map)?)))
     }
 }
 

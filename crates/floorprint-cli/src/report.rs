@@ -195,7 +195,7 @@ impl Report {
             texture: solution.floor.as_ref().map(|floor| TextureSummary {
                 resolution_m: floor.map.resolution_m,
                 painted_m2: floor.painted_m2(),
-                images: floor.stamps_s.len(),
+                images: floor.images.len(),
                 images_of_nothing_new: floor.nothing_new,
             }),
             errors: Errors::default(),

@@ -30,6 +30,7 @@ pub(crate) fn write(
     let mut floor_png = None;
     if let Some(floor) = &solution.floor {
         write_floor(&folder.join("texture.png"), &floor.map)?;
+        write_trajectory(&folder.join("images.tum"), &floor.images)?;
         floor_png = Some(fs::read(folder.join("texture.png"))?);
     }
     report.take_cost(stopwatch);

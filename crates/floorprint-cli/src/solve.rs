@@ -40,8 +40,8 @@ pub(crate) struct Solution {
 pub(crate) struct Floor {
     /// The colours.
     pub(crate) map: TextureMap,
-    /// Times of the images that show floor, seconds.
-    pub(crate) stamps_s: Vec<f64>,
+    /// The body's pose at each image that shows floor.
+    pub(crate) images: Vec<StampedPose>,
     /// Pairs of images left out because the robot had hardly moved since the one before.
     pub(crate) nothing_new: usize,
     /// Images that were not used, by reason.
@@ -174,10 +174,10 @@ fn paint(
             Err(reason) => count(reason, 1),
         }
     }
-    let stamps_s: Vec<f64> = patches.iter().map(|patch| patch.stamp_s).collect();
-    let places: Vec<Pose2> = stamps_s.iter().map(|&stamp_s| pose_at(stamp_s)).collect();
+    let places: Vec<Pose2> = patches.iter().map(|patch| pose_at(patch.stamp_s)).collect();
+    let stamped = patches.iter().zip(&places).map(|(patch, &pose)| StampedPose { stamp_s: patch.stamp_s, pose });
     let nothing_new = pairing.pairs.len() - pairs.len();
-    Ok(Floor { map: mapper.paint(&patches, &places), stamps_s, nothing_new, skipped })
+    Ok(Floor { map: mapper.paint(&patches, &places), images: stamped.collect(), nothing_new, skipped })
 }
 
 /// Why an image pair shows no floor, for people.

@@ -5,6 +5,11 @@ use crate::terminal::HEADING;
 use std::io::{self, Write};
 use std::path::Path;
 
+/// A number of things, in words.
+pub(crate) fn counted(count: usize, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Prints the summary of a run whose results lie in `folder`.
 pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io::Result<()> {
     let drive = &report.drive;
@@ -43,9 +48,9 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
         line(
             "conflicts",
             format!(
-                "the scan won over the odometry {} times, in {} stretches",
-                filter.odometry_rejections,
-                filter.contradictions.len()
+                "the scan won over the odometry at {} in {}",
+                counted(filter.odometry_rejections, "scan"),
+                counted(filter.contradictions.len(), "place")
             ),
         )?;
     }

@@ -10,7 +10,7 @@ use floorprint::evaluation::{
     TrajectoryError, TrajectoryErrorOptions, camera_footprint,
 };
 use floorprint::map::{Occupancy, Raster};
-use floorprint::sensors::StampedPose;
+use floorprint::sensors::{CameraConfig, StampedPose};
 use floorprint_io::{ReadError, read_floor, read_map, read_relations, read_trajectory};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -100,18 +100,26 @@ impl TruthFiles {
             errors.map = noted(MapQuality::new(map, truth, &MapQualityOptions::default()), notes);
         }
         if let (Some(path), Some(floor)) = (&self.floor, &solution.floor) {
-            let seen = true_map.zip(config.robot.camera.as_ref()).map(|(map, camera)| {
-                let truth = StampIndex::new(&errors.true_trajectory);
-                let pose_at = |&stamp_s: &f64| truth.interpolated(stamp_s, 1e-4, 0.5);
-                let poses: Vec<_> = floor.stamps_s.iter().filter_map(pose_at).collect();
-                camera_footprint(&poses, camera, &map)
-            });
+            let seen = true_map.zip(config.robot.camera.as_ref());
+            let seen = seen.map(|(map, camera)| seen_floor(&floor.images, &errors.true_trajectory, camera, &map));
             let truth = read_floor(path)?;
             let options = TextureErrorOptions::default();
             errors.texture = noted(TextureError::new(&floor.map, &truth, seen.as_ref(), &options), notes);
         }
         Ok(errors)
     }
+}
+
+/// The floor that the camera saw from where it truly was when the images were taken.
+pub(crate) fn seen_floor(
+    images: &[StampedPose],
+    true_trajectory: &[StampedPose],
+    camera: &CameraConfig,
+    true_map: &Raster<Occupancy>,
+) -> Raster<bool> {
+    let truth = StampIndex::new(true_trajectory);
+    let poses: Vec<_> = images.iter().filter_map(|image| truth.interpolated(image.stamp_s, 1e-4, 0.5)).collect();
+    camera_footprint(&poses, camera, true_map)
 }
 
 fn noted<T>(result: Result<T, EvaluationError>, notes: &mut Vec<String>) -> Option<T> {

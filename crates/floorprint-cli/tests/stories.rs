@@ -88,6 +88,7 @@ fn a_drive_becomes_a_folder_with_everything_in_it() {
         "map.png",
         "texture.png",
         "texture.json",
+        "images.tum",
         "config.toml",
         "report.json",
         "report.html",
@@ -107,6 +108,9 @@ fn a_drive_becomes_a_folder_with_everything_in_it() {
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(!page.contains("http://") && !page.contains("https://"), "the page needs no network");
     assert!(page.trim_end().ends_with("</html>"));
+    let loops = &report["loops"];
+    let counted = loops["closed"].as_u64().unwrap() + loops["rejected"].as_u64().unwrap();
+    assert_eq!(loops["candidates"].as_array().unwrap().len() as u64, counted);
 }
 
 #[test]
@@ -184,7 +188,13 @@ fn results_are_evaluated_against_the_truth() {
     assert_eq!(quality, report(&out)["errors"]["map"]);
     let (estimate, true_file) = (file(&out, "texture.json"), file(&truth, "truth_texture.json"));
     let error = json(&["evaluate", "texture", "--texture", &estimate, "--truth", &true_file, "--json"]);
-    assert_eq!(error["mean_absolute_error"], report(&out)["errors"]["texture"]["mean_absolute_error"]);
+    let reported = &report(&out)["errors"]["texture"];
+    assert_eq!(error["mean_absolute_error"], reported["mean_absolute_error"]);
+    let coverage = |error: &serde_json::Value| error["coverage"].as_f64().unwrap();
+    assert!((coverage(&error) - coverage(reported)).abs() < 1e-3);
+    fs::remove_file(out.join("images.tum")).unwrap();
+    let output = floorprint(&["evaluate", "texture", "--texture", &estimate, "--truth", &true_file]);
+    assert!(text(&output.stdout).contains("coverage unknown"));
 }
 
 #[test]

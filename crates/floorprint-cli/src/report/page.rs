@@ -5,6 +5,7 @@ use super::chart::Chart;
 use crate::figure::{FREE, OCCUPIED, UNKNOWN, scale_bar_length_m};
 use crate::run_folder::data_set_name;
 use crate::solve::Solution;
+use crate::summary::counted;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use floorprint::evaluation::{ErrorStatistics, PoseError, StampIndex};
@@ -219,14 +220,14 @@ fn loops_and_contradictions(report: &Report) -> String {
             let _ = write!(rows, "<tr><td>{}</td><td>{}</td></tr>", verdict.meaning, verdict.count);
         }
         let most = |of: fn(&ClosureReport) -> f64| loops.accepted().map(of).fold(0.0, f64::max);
-        let caption = if loops.candidates.is_empty() {
-            "No place was passed twice.".to_owned()
-        } else {
-            format!(
-                "Places passed more than once, compared with each other. The largest correction was {:.2} m and {:.1}°.",
+        let caption = match (loops.candidates.len(), loops.closed) {
+            (0, _) => "No place was passed twice.".to_owned(),
+            (_, 0) => "Places close to each other were compared; none was recognised.".to_owned(),
+            _ => format!(
+                "Places close to each other were compared. The largest correction was {:.2} m and {:.1}°.",
                 most(|closure| closure.correction_m),
                 most(|closure| closure.correction_rad.abs().to_degrees())
-            )
+            ),
         };
         let _ = write!(
             cards,
@@ -240,22 +241,19 @@ fn loops_and_contradictions(report: &Report) -> String {
         longest.sort_by_key(|stretch| std::cmp::Reverse(stretch.scans));
         let mut rows = String::new();
         for stretch in longest.iter().take(STRETCHES_SHOWN) {
-            let _ = write!(
-                rows,
-                "<tr><td>{:.1} s – {:.1} s</td><td>{}</td></tr>",
-                stretch.from_s - start_s,
-                stretch.to_s - start_s,
-                stretch.scans
-            );
+            let [from_s, to_s] = [stretch.from_s, stretch.to_s].map(|stamp_s| stamp_s - start_s);
+            let time =
+                if stretch.scans > 1 { format!("{from_s:.1} s – {to_s:.1} s") } else { format!("{from_s:.1} s") };
+            let _ = write!(rows, "<tr><td>{time}</td><td>{}</td></tr>", stretch.scans);
         }
         let _ = write!(
             cards,
             "<section class=\"card\"><h2>Scan against odometry</h2><table><thead><tr><th>time of the drive</th>\
              <th>scans</th></tr></thead><tbody>{rows}</tbody></table>\
-             <p class=\"caption\">They contradicted each other at {} of {} scans, in {} stretches{}; there the scan won.</p></section>",
+             <p class=\"caption\">They contradicted each other at {} of {}, in {}{}; there the scan won.</p></section>",
             report.filter.odometry_rejections,
-            report.drive.scans,
-            contradictions.len(),
+            counted(report.drive.scans, "scan"),
+            counted(contradictions.len(), "place"),
             if contradictions.len() > STRETCHES_SHOWN { ", the longest of which are listed" } else { "" }
         );
     }
