@@ -86,7 +86,7 @@ impl RaoBlackwellizedFilter {
     /// One step: predict, match, weigh, resample, map.
     pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
         profiler.enter(Phase::Match);
-        let scan = Arc::new(SurfaceScan::new(&frame.scan, self.matcher.point_spacing_m));
+        let scan = Arc::new(SurfaceScan::new(&frame.scan, &self.matcher));
         let matches: Vec<Option<Fit>> = self
             .particles
             .par_iter_mut()

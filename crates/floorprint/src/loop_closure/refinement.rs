@@ -35,7 +35,7 @@ pub fn refine(
     let mut refined: Vec<Pose2> = frames
         .zip(poses)
         .map(|(frame, pose)| {
-            let scan = SurfaceScan::new(&frame.scan, matcher.point_spacing_m);
+            let scan = SurfaceScan::new(&frame.scan, matcher);
             let found = match_scan(map, &scan, &PoseBelief { pose: *pose, information }, matcher);
             if found.inlier_share < MIN_INLIER_SHARE { *pose } else { found.belief.pose }
         })

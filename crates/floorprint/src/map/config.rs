@@ -19,6 +19,10 @@ pub struct MapConfig {
     /// Log-odds stay within ± this; the report's 100.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub limit_log_odds: f64,
+    /// Rays do not free the cells within this distance of the surface on which they end, unless
+    /// they meet it squarely, in cells; 0 frees all cells before the end, as the report does.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub grazing_clearance_cells: f64,
     /// The final map is drawn from scans at least this far apart, metres …
     pub redraw_distance_m: f64,
     /// … or turned by at least this much, radians.
@@ -33,6 +37,7 @@ impl Default for MapConfig {
             hit_log_odds: 4.0 * log_gamma,
             pass_log_odds: log_gamma,
             limit_log_odds: 100.0,
+            grazing_clearance_cells: 1.0,
             redraw_distance_m: 0.05,
             redraw_angle_rad: 0.03,
         }

@@ -38,6 +38,7 @@ pub struct OccupancyGrid {
     hit: i16,
     pass: i16,
     limit: i16,
+    grazing_clearance_m: f32,
     tiles: TileGrid<OccupancyTile>,
 }
 
@@ -51,6 +52,7 @@ impl OccupancyGrid {
             hit: fixed_point(config.hit_log_odds),
             pass: fixed_point(config.pass_log_odds),
             limit: fixed_point(config.limit_log_odds),
+            grazing_clearance_m: (config.grazing_clearance_cells * config.resolution_m) as f32,
             tiles: TileGrid::default(),
         }
     }
@@ -119,9 +121,14 @@ impl OccupancyGrid {
             Cell::containing(world, inverse_resolution)
         };
         let origin = Cell::containing(world_from_body.transform_point(scan.origin_m), inverse_resolution);
-        for point in scan.hits.iter() {
+        for (index, point) in scan.hits.iter().enumerate() {
             let end = cell_of(point);
-            self.pass_along(origin, end, flips);
+            let passed_to = if self.grazing_clearance_m > 0.0 {
+                cell_of(short_of_grazed_surface(scan, index, self.grazing_clearance_m))
+            } else {
+                end
+            };
+            self.pass_along(origin, passed_to, flips);
             self.add(end, self.hit, flips);
         }
         for point in scan.free_ends.iter() {
@@ -201,6 +208,35 @@ impl OccupancyGrid {
         })
     }
 }
+
+/// The last point of a ray (metres, body's frame) that is farther than `clearance_m` from the
+/// surface it ends on, or its end where it meets the surface squarely.
+///
+/// A ray that grazes a wall runs through the wall's own cells before it ends in one of them;
+/// taken as passed they would eat the wall away.
+fn short_of_grazed_surface(scan: &BodyScan, index: usize, clearance_m: f32) -> [f32; 2] {
+    let (xs, ys) = (&scan.hits.x_m, &scan.hits.y_m);
+    let end = [xs[index], ys[index]];
+    let ray = [end[0] - scan.origin_m[0] as f32, end[1] - scan.origin_m[1] as f32];
+    let range = ray[0].hypot(ray[1]);
+    // The surface runs towards the nearer neighbour in the scan, if that is on the same surface.
+    let to = |other: usize| [xs[other] - end[0], ys[other] - end[1]];
+    let length = |[x, y]: [f32; 2]| x.hypot(y);
+    let neighbours = [index.checked_sub(1), (index + 1 < xs.len()).then_some(index + 1)];
+    let nearest = neighbours.into_iter().flatten().map(to).min_by(|a, b| length(*a).total_cmp(&length(*b)));
+    let Some(along) = nearest.filter(|along| length(*along) > 0.0 && length(*along) < SAME_SURFACE_SHARE * range)
+    else {
+        return end;
+    };
+    let sine = (ray[0] * along[1] - ray[1] * along[0]).abs() / (range * length(along)).max(f32::MIN_POSITIVE);
+    // What a square hit leaves out (nothing) and a grazing one (much), at most half the ray.
+    let left_out = (clearance_m * (1.0 / sine.max(1e-3) - 1.0)).min(0.5 * range);
+    let share = 1.0 - left_out / range.max(f32::MIN_POSITIVE);
+    [scan.origin_m[0] as f32 + share * ray[0], scan.origin_m[1] as f32 + share * ray[1]]
+}
+
+/// Neighbouring ends of rays farther apart than this share of the range lie on different surfaces.
+const SAME_SURFACE_SHARE: f32 = 0.3;
 
 #[cfg(test)]
 mod tests {

@@ -13,6 +13,9 @@ pub struct MatcherConfig {
     /// Points of a scan are thinned to this distance along surfaces, metres.
     #[schemars(range(min = 0.0))]
     pub point_spacing_m: f64,
+    /// Points of a scan are thinned further where there would be many more than this.
+    #[schemars(range(min = 20))]
+    pub max_points: usize,
     /// Largest number of Gauss–Newton steps.
     #[schemars(range(min = 1, max = 1000))]
     pub iterations: usize,
@@ -60,6 +63,7 @@ impl Default for MatcherConfig {
         Self {
             cell_m: 0.05,
             point_spacing_m: 0.03,
+            max_points: 300,
             iterations: 12,
             stop_step_m: 2e-4,
             stop_step_rad: 1e-4,

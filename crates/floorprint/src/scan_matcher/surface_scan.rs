@@ -1,5 +1,6 @@
 //! A scan's points with the normals of the surfaces they lie on.
 
+use super::MatcherConfig;
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
 use crate::map::Surface;
@@ -19,15 +20,14 @@ pub struct SurfaceScan {
 }
 
 impl SurfaceScan {
-    /// Points of `scan` at least `spacing_m` from each other along the scan, with normals from
-    /// all its points.
+    /// Points of `scan`, thinned as `config` asks, with normals from all its points.
     #[must_use]
-    pub fn new(scan: &BodyScan, spacing_m: f64) -> Self {
+    pub fn new(scan: &BodyScan, config: &MatcherConfig) -> Self {
         let xs = &scan.hits.x_m;
         let ys = &scan.hits.y_m;
         let count = xs.len();
         let sums = RunningSums::new(xs, ys);
-        let spacing = spacing_m as f32;
+        let spacing = spacing_for(xs, ys, config);
         let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
         let mut result = Self { origin_m: scan.origin_m, ..Self::default() };
         let mut kept: Option<[f32; 2]> = None;
@@ -98,6 +98,16 @@ impl SurfaceScan {
     pub fn iter(&self) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
         self.points_m.iter().copied().zip(self.normals.iter().copied())
     }
+}
+
+/// The distance between kept points that leaves about as many as asked for: `point_spacing_m`, or more in
+/// scans that see so much surface that there would be too many.
+fn spacing_for(xs: &[f32], ys: &[f32], config: &MatcherConfig) -> f32 {
+    let spacing_m = config.point_spacing_m as f32;
+    let steps = |i: usize| (xs[i] - xs[i - 1]).hypot(ys[i] - ys[i - 1]);
+    // Steps longer than the spacing keep a point each, whatever their length.
+    let surface_m: f32 = (1..xs.len()).map(steps).filter(|step| *step < spacing_m).sum();
+    spacing_m.max(surface_m / config.max_points as f32)
 }
 
 /// Distance to the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
