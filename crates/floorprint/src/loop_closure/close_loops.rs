@@ -5,15 +5,17 @@
 //! becomes a factor of the pose graph, with the certainty that the surfaces give: along a bare
 //! corridor none.
 
-use super::submap::{Submap, as_one_scan};
+use super::submap::Submap;
 use super::{KeyScan, LoopClosureConfig};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::SurfaceMap;
-use crate::pose_graph::{BetweenFactor, Optimizer, OptimizerConfig, PoseGraph, PriorFactor, RobustKernel};
+use crate::pose_graph::{
+    BetweenFactor, Optimizer, OptimizerConfig, PoseGraph, PoseGraphError, PriorFactor, RobustKernel,
+};
 use crate::scan_matcher::{MatchResult, MatcherConfig, PoseBelief, SearchWindow, SurfaceScan, match_scan, search};
 use nalgebra::Matrix3;
 use serde::Serialize;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A comparison of two submaps, for the report.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -24,8 +26,8 @@ pub struct ClosureReport {
     pub newer: usize,
     /// Which frames lie in the middle of the two, counted from 0.
     pub frames: [usize; 2],
-    /// Path between their starts, metres.
-    pub path_m: f64,
+    /// Standard deviation of where the newer one was thought to lie, seen from the older, metres.
+    pub doubt_m: f64,
     /// How far the newer one was moved against where it was thought to be, metres.
     pub correction_m: f64,
     /// The same in heading, radians.
@@ -46,8 +48,6 @@ pub enum Verdict {
     DoesNotFit,
     /// The older submap does not fit the newer.
     DoesNotFitBack,
-    /// The match lies where the drift cannot have taken the robot.
-    OutOfReach,
 }
 
 /// The drive put right.
@@ -70,24 +70,27 @@ pub fn close_loops(key_scans: &[KeyScan], config: &LoopClosureConfig, matcher: &
         config,
         matcher,
         submaps: &submaps,
-        surfaces: vec![None; submaps.len()],
-        contexts: vec![None; submaps.len()],
+        scans: vec![None; submaps.len()],
+        contexts: BTreeMap::new(),
     };
     let mut graph = chain(&submaps, key_scans, config);
     let mut optimizer = Optimizer::new(OptimizerConfig::default());
     let mut closures = Vec::new();
     for newer in 0..submaps.len() {
-        let mut tied = false;
-        let path_m = paths_in_graph(&graph, &submaps, newer);
-        for older in search.candidates(newer, graph.poses(), &path_m) {
-            let (report, factor) = search.compare(older, newer, graph.poses(), path_m[older]);
+        let mut tied = Vec::new();
+        let doubts = doubts_from(&graph, newer);
+        for older in search.candidates(newer, graph.poses(), &doubts) {
+            let (report, factor) = search.compare(older, newer, graph.poses(), &doubts[older]);
             closures.push(report);
-            if let Some(factor) = factor {
-                tied |= graph.add_between(factor).is_ok();
-            }
+            tied.extend(factor.and_then(|factor| graph.add_between(factor).ok()));
         }
-        if tied {
-            // A graph that cannot be solved keeps its estimates: the chain alone always can.
+        if tied.is_empty() {
+            continue;
+        }
+        // A graph that cannot be solved keeps its estimates: the chain alone always can.
+        if tied.iter().any(|&factor| graph.squared_error(factor) > CONFLICT) {
+            let _ = resolve_conflict(&mut graph, &mut optimizer);
+        } else {
             let _ = optimizer.optimize(&mut graph);
         }
     }
@@ -133,37 +136,93 @@ fn chain(submaps: &[Submap], key_scans: &[KeyScan], config: &LoopClosureConfig) 
     graph
 }
 
-/// How far the drift between `newer` and each older submap can have grown, as metres of path: along the
-/// graph, where closures are short cuts (Dijkstra 1959; submaps are few).
-fn paths_in_graph(graph: &PoseGraph, submaps: &[Submap], newer: usize) -> Vec<f64> {
+/// A closure that fits the graph worse than this, squared standard deviations, contradicts it.
+const CONFLICT: f64 = 25.0;
+
+/// Solves a graph in which some factors must be wrong, closures or links of the chain, without
+/// knowing which: graduated non-convexity (Yang et al. 2020). At first all factors pull, then
+/// those that the others contradict lose their say. Closures keep their kernel afterwards.
+fn resolve_conflict(graph: &mut PoseGraph, optimizer: &mut Optimizer) -> Result<(), PoseGraphError> {
+    let before = graph.clone();
+    for stage in 0..GRADUATION_STAGES {
+        let loosened = 4.0_f64.powi(GRADUATION_STAGES - 1 - stage);
+        let weights: Vec<f64> = (0..graph.between_factors().len())
+            .map(|factor| {
+                let kernel = RobustKernel::GemanMcClure { scale: (CONFLICT * loosened).sqrt() };
+                if stage == 0 { 1.0 } else { kernel.weight(graph.squared_error(factor)) }
+            })
+            .collect();
+        for (factor, weight) in weights.into_iter().enumerate() {
+            graph.set_weight(factor, weight.max(1e-6));
+        }
+        optimizer.optimize(graph)?;
+    }
+    for factor in 0..graph.between_factors().len() {
+        graph.set_weight(factor, before.between_factors()[factor].weight);
+    }
+    optimizer.optimize(graph)?;
+    Ok(())
+}
+
+/// Steps from trusting all factors to doubting those that do not fit.
+const GRADUATION_STAGES: i32 = 8;
+
+/// How uncertain the pose of one submap is as seen from another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Doubt {
+    variance_m2: f64,
+    variance_rad2: f64,
+    /// Links on the way: a heading error early on moves the end sideways.
+    path_m: f64,
+}
+
+impl Doubt {
+    /// Standard deviations of position (metres) and heading (radians).
+    fn sigmas(&self) -> (f64, f64) {
+        let sideways_m2 = self.variance_rad2 * (LEVER_SHARE * self.path_m.min(LONGEST_LEVER_M)).powi(2);
+        ((self.variance_m2 + sideways_m2).sqrt(), self.variance_rad2.sqrt())
+    }
+}
+
+/// A heading error acts over about this share of the way …
+const LEVER_SHARE: f64 = 0.3;
+/// … and buildings fold long ways up: over no more than this, metres.
+const LONGEST_LEVER_M: f64 = 60.0;
+
+/// How uncertain each submap up to `newer` is as seen from `newer`: along the most certain way
+/// through the graph, where closures are short cuts (Dijkstra 1959).
+fn doubts_from(graph: &PoseGraph, newer: usize) -> Vec<Doubt> {
     let mut neighbours = vec![Vec::new(); newer + 1];
     for factor in graph.between_factors().iter().filter(|factor| factor.from <= newer && factor.to <= newer) {
-        let step_m = if factor.to == factor.from + 1 {
-            submaps[factor.to].path_m - submaps[factor.from].path_m
-        } else {
-            CLOSURE_PATH_M
+        let covariance = factor.information.try_inverse().unwrap_or_else(Matrix3::identity);
+        let link = Doubt {
+            variance_m2: 0.5 * (covariance[(0, 0)] + covariance[(1, 1)]),
+            variance_rad2: covariance[(2, 2)],
+            path_m: factor.from_from_to.distance(),
         };
-        neighbours[factor.from].push((factor.to, step_m));
-        neighbours[factor.to].push((factor.from, step_m));
+        neighbours[factor.from].push((factor.to, link));
+        neighbours[factor.to].push((factor.from, link));
     }
-    let mut path_m = vec![f64::INFINITY; newer + 1];
+    let unknown = Doubt { variance_m2: f64::INFINITY, variance_rad2: f64::INFINITY, path_m: 0.0 };
+    let mut doubts = vec![unknown; newer + 1];
+    doubts[newer] = Doubt { variance_m2: 0.0, variance_rad2: 0.0, path_m: 0.0 };
+    // Positive floats sort like their bits.
     let mut queue = BTreeSet::from([(0_u64, newer)]);
-    path_m[newer] = 0.0;
     while let Some((_, here)) = queue.pop_first() {
-        for &(next, step_m) in &neighbours[here] {
-            let reached_m = path_m[here] + step_m;
-            if reached_m < path_m[next] {
-                path_m[next] = reached_m;
-                // Positive floats sort like their bits.
-                queue.insert((reached_m.to_bits(), next));
+        for &(next, link) in &neighbours[here] {
+            let reached = Doubt {
+                variance_m2: doubts[here].variance_m2 + link.variance_m2,
+                variance_rad2: doubts[here].variance_rad2 + link.variance_rad2,
+                path_m: doubts[here].path_m + link.path_m,
+            };
+            if reached.variance_m2 < doubts[next].variance_m2 {
+                doubts[next] = reached;
+                queue.insert((reached.variance_m2.to_bits(), next));
             }
         }
     }
-    path_m
+    doubts
 }
-
-/// A closure is worth about as much as this much path without drift, metres.
-const CLOSURE_PATH_M: f64 = 1.0;
 
 /// A covariance over (x, y, θ) in the world's axes, turned into the axes of a pose.
 fn in_frame_of(covariance: &Matrix3<f64>, pose: &Pose2) -> Matrix3<f64> {
@@ -177,28 +236,24 @@ struct Search<'a> {
     config: &'a LoopClosureConfig,
     matcher: &'a MatcherConfig,
     submaps: &'a [Submap],
-    /// For each submap that was needed yet its own surfaces, and those with its neighbours'.
-    surfaces: Vec<Option<SurfaceMap>>,
-    contexts: Vec<Option<SurfaceMap>>,
+    /// What each submap saw, for those that were needed yet.
+    scans: Vec<Option<SurfaceScan>>,
+    /// Maps of submaps with their neighbours, for those needed lately.
+    contexts: BTreeMap<usize, SurfaceMap>,
 }
 
-impl Search<'_> {
-    /// Standard deviations of the drift over a stretch of path, metres and radians.
-    fn drift(&self, path_m: f64) -> (f64, f64) {
-        let root = path_m.sqrt();
-        let turned = self.config.drift_sigma_rad * root;
-        // A heading error in the middle of the stretch moves its end sideways.
-        ((self.config.drift_sigma_m * root).hypot(0.3 * turned * path_m.min(60.0)), turned)
-    }
+/// So many maps are kept at most; they are quickly made again.
+const CONTEXTS_KEPT: usize = 100;
 
+impl Search<'_> {
     /// The older submaps that may show the same place, nearest first.
-    fn candidates(&self, newer: usize, poses: &[Pose2], path_m: &[f64]) -> Vec<usize> {
+    fn candidates(&self, newer: usize, poses: &[Pose2], doubts: &[Doubt]) -> Vec<usize> {
         let place = |index: usize| poses[index].compose(&self.submaps[index].middle);
         let here = place(newer);
         let mut near: Vec<(f64, usize)> = (0..newer.saturating_sub(1))
             .filter_map(|older| {
                 let distance_m = here.between(&place(older)).distance();
-                let doubt_m = 2.0 * self.drift(path_m[older]).0;
+                let doubt_m = 2.0 * doubts[older].sigmas().0;
                 (distance_m < self.config.candidate_distance_m + doubt_m.min(6.0)).then_some((distance_m, older))
             })
             .collect();
@@ -212,21 +267,27 @@ impl Search<'_> {
         chosen
     }
 
-    /// Makes the surfaces of a submap and of its neighbours known.
+    /// What a submap saw.
+    fn scan(&mut self, index: usize) -> SurfaceScan {
+        let (submap, key_scans, cell_m) = (&self.submaps[index], self.key_scans, self.matcher.cell_m);
+        self.scans[index].get_or_insert_with(|| submap.as_one_scan(key_scans, cell_m)).clone()
+    }
+
+    /// Makes the map of a submap with its neighbours known.
     fn learn(&mut self, index: usize) {
-        if self.contexts[index].is_some() {
+        if self.contexts.contains_key(&index) {
             return;
         }
-        let neighbours = index.saturating_sub(1)..(index + 2).min(self.submaps.len());
-        let here = &self.submaps[index].front_end_from_submap;
+        let here = self.submaps[index].front_end_from_submap;
         let mut context = SurfaceMap::new(self.matcher.cell_m);
-        for neighbour in neighbours {
-            let submap = &self.submaps[neighbour];
-            let surfaces =
-                self.surfaces[neighbour].get_or_insert_with(|| submap.surfaces(self.key_scans, self.matcher.cell_m));
-            context.add_surfaces(&here.between(&submap.front_end_from_submap), surfaces);
+        for neighbour in index.saturating_sub(1)..(index + 2).min(self.submaps.len()) {
+            let there = self.submaps[neighbour].front_end_from_submap;
+            context.add_scan(&here.between(&there), &self.scan(neighbour));
         }
-        self.contexts[index] = Some(context);
+        if self.contexts.len() >= CONTEXTS_KEPT {
+            self.contexts.clear();
+        }
+        self.contexts.insert(index, context);
     }
 
     /// Fits the newer submap to the older, and the older to the newer.
@@ -235,28 +296,26 @@ impl Search<'_> {
         older: usize,
         newer: usize,
         poses: &[Pose2],
-        path_m: f64,
+        doubt: &Doubt,
     ) -> (ClosureReport, Option<BetweenFactor>) {
         self.learn(older);
         self.learn(newer);
-        let (sigma_m, sigma_rad) = self.drift(path_m);
+        let (new_scan, old_scan) = (self.scan(newer), self.scan(older));
+        let (sigma_m, sigma_rad) = doubt.sigmas();
         let expected = poses[older].between(&poses[newer]);
         let mut report = ClosureReport {
             older,
             newer,
             frames: [older, newer].map(|index| self.key_scans[self.submaps[index].middle_key_scan()].position),
-            path_m,
+            doubt_m: sigma_m,
             correction_m: 0.0,
             correction_rad: 0.0,
             inlier_shares: [0.0; 2],
             verdict: Verdict::DoesNotFit,
         };
-        let (Some(old_context), Some(new_context), Some(old_surfaces), Some(new_surfaces)) =
-            (&self.contexts[older], &self.contexts[newer], &self.surfaces[older], &self.surfaces[newer])
-        else {
+        let (Some(old_context), Some(new_context)) = (self.contexts.get(&older), self.contexts.get(&newer)) else {
             return (report, None);
         };
-        let new_scan = as_one_scan(new_surfaces, &self.submaps[newer].middle);
         let doubt = Matrix3::from_diagonal(&[sigma_m.powi(-2), sigma_m.powi(-2), sigma_rad.powi(-2)].into());
         let found =
             self.fit(old_context, &new_scan, &expected, &doubt, (sigma_m, sigma_rad), &self.submaps[newer].middle);
@@ -267,16 +326,9 @@ impl Search<'_> {
         if found.inlier_share < self.config.min_inlier_share {
             return (report, None);
         }
-        let middle_shift = expected
-            .compose(&self.submaps[newer].middle)
-            .between(&found.belief.pose.compose(&self.submaps[newer].middle));
-        if middle_shift.distance() > 3.5 * sigma_m + 0.3 || middle_shift.theta.abs() > 3.5 * sigma_rad + 0.1 {
-            report.verdict = Verdict::OutOfReach;
-            return (report, None);
-        }
         let back = match_scan(
             new_context,
-            &as_one_scan(old_surfaces, &self.submaps[older].middle),
+            &old_scan,
             &PoseBelief { pose: found.belief.pose.inverse(), information: Matrix3::zeros() },
             self.matcher,
         );

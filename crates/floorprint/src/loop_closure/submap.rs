@@ -51,19 +51,13 @@ impl Submap {
         self.key_scans.start + self.key_scans.len() / 2
     }
 
-    /// The surfaces that the submap's key scans saw, in its frame.
+    /// All that the submap's key scans saw, as if it were one scan taken from its middle; in its frame.
     #[must_use]
-    pub fn surfaces(&self, key_scans: &[KeyScan], cell_m: f64) -> SurfaceMap {
+    pub fn as_one_scan(&self, key_scans: &[KeyScan], cell_m: f64) -> SurfaceScan {
         let mut map = SurfaceMap::new(cell_m);
         for scan in &key_scans[self.key_scans.clone()] {
             map.add_scan(&self.front_end_from_submap.between(&scan.pose), &scan.scan);
         }
-        map
+        SurfaceScan::from_surfaces([self.middle.x, self.middle.y], map.surfaces())
     }
-}
-
-/// All that a submap saw as if it were one scan taken from its middle.
-#[must_use]
-pub fn as_one_scan(surfaces: &SurfaceMap, middle: &Pose2) -> SurfaceScan {
-    SurfaceScan::from_surfaces([middle.x, middle.y], surfaces.surfaces())
 }

@@ -119,17 +119,6 @@ impl SurfaceMap {
         self.contradict(origin, &Horizon::new(origin, in_world(world_from_body, scan).map(|(point, _)| point)));
     }
 
-    /// Writes the surfaces of another map, seen in this one at `world_from_other`, each as one hit.
-    pub fn add_surfaces(&mut self, world_from_other: &Pose2, other: &Self) {
-        let (sin, cos) = world_from_other.theta.sin_cos();
-        let (sin, cos) = (sin as f32, cos as f32);
-        for surface in other.surfaces() {
-            let point = world_from_other.transform_point(surface.mean_m.map(f64::from));
-            let [nx, ny] = surface.normal.map(|n| n * surface.flatness);
-            self.add_hit(point, [cos * nx - sin * ny, sin * nx + cos * ny]);
-        }
-    }
-
     /// Surfaces that the scan saw through lose trust.
     fn contradict(&mut self, origin: [f64; 2], horizon: &Horizon) {
         let reach = CARVE_REACH_M.min(horizon.farthest_m);

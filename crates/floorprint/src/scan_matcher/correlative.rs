@@ -17,8 +17,10 @@ pub struct SearchWindow {
     pub angle_rad: f64,
 }
 
-/// Step of the search in x and y, metres; the map's reach makes the score smooth over it.
+/// Steps of the search in x and y, metres, for windows up to one metre and for wider ones; the
+/// map's reach makes the score smooth over them.
 const STEP_M: f64 = 0.1;
+const WIDE_STEP_M: f64 = 0.2;
 /// Step of the search in heading, radians.
 const STEP_RAD: f64 = 0.04;
 /// Points of the scan that are looked up.
@@ -29,7 +31,8 @@ const POINTS: usize = 60;
 pub fn search(map: &SurfaceMap, scan: &SurfaceScan, center: &Pose2, window: SearchWindow, count: usize) -> Vec<Pose2> {
     let stride = scan.len().div_ceil(POINTS).max(1);
     let points: Vec<[f64; 2]> = scan.iter().step_by(stride).map(|(point, _)| point.map(f64::from)).collect();
-    let steps = (window.distance_m / STEP_M).round() as i32;
+    let step_m = if window.distance_m > 1.0 { WIDE_STEP_M } else { STEP_M };
+    let steps = (window.distance_m / step_m).round() as i32;
     let turns = (window.angle_rad / STEP_RAD).round() as i32;
     let mut best_of_heading: Vec<(f32, Pose2)> = Vec::with_capacity(2 * turns as usize + 1);
     let mut rotated = Vec::with_capacity(points.len());
@@ -41,7 +44,7 @@ pub fn search(map: &SurfaceMap, scan: &SurfaceScan, center: &Pose2, window: Sear
         let mut best = (-1.0, Pose2::IDENTITY);
         for row in -steps..=steps {
             for column in -steps..=steps {
-                let (dx, dy) = (f64::from(column) * STEP_M, f64::from(row) * STEP_M);
+                let (dx, dy) = (f64::from(column) * step_m, f64::from(row) * step_m);
                 let score: f32 = rotated.iter().map(|[x, y]| map.proximity([x + dx, y + dy])).sum();
                 if score > best.0 {
                     best = (score, Pose2::new(center.x + dx, center.y + dy, theta));

@@ -11,33 +11,33 @@ const CANDIDATES: usize = 4;
 const POINTS_TO_SEARCH: usize = 30;
 /// A search stops widening once this share of the points lies on the map.
 const GOOD_ENOUGH: f64 = 0.6;
-/// A pose from the search replaces the odometry's only if this much more of the scan fits there.
-const CLEARLY_BETTER: f64 = 0.02;
+/// The scan overrules the odometry only if this much more of it fits elsewhere. Less is no proof:
+/// where much of what is seen is new, a wrong pose along a corridor gains as much by chance.
+const CLEARLY_BETTER: f64 = 0.2;
 /// After a search the odometry is believed this much less (as a factor on its information).
 const DISTRUST: f64 = 0.01;
 
 /// Fits `scan` to `map`. The second value tells whether the scan contradicted the odometry, and won.
 #[must_use]
 pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> (MatchResult, bool) {
-    let mut best = match_scan(map, scan, prior, config);
-    let mut searched = false;
-    if best.inlier_share >= config.search_below_inlier_share || scan.len() < POINTS_TO_SEARCH {
-        return (best, false);
+    let predicted = match_scan(map, scan, prior, config);
+    if predicted.inlier_share >= config.search_below_inlier_share || scan.len() < POINTS_TO_SEARCH {
+        return (predicted, false);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
     let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: PI };
+    let mut best = predicted;
     for window in [near, wide] {
         for pose in search(map, scan, &prior.pose, window, CANDIDATES) {
             let start = PoseBelief { pose, information: prior.information * DISTRUST };
             let found = match_scan(map, scan, &start, config);
-            if found.inlier_share > best.inlier_share + CLEARLY_BETTER {
+            if found.inlier_share > best.inlier_share {
                 best = found;
-                searched = true;
             }
         }
         if best.inlier_share > GOOD_ENOUGH {
             break;
         }
     }
-    (best, searched)
+    if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER { (best, true) } else { (predicted, false) }
 }
