@@ -14,7 +14,7 @@ fn key_scans(walls: &Walls, truth: &[Pose2], poses: &[Pose2]) -> Vec<KeyScan> {
         position,
         pose: *pose,
         covariance: Matrix3::identity() * 1e-8,
-        scan: Arc::new(SurfaceScan::new(&walls.scan_from(truth, 361), MatcherConfig::default().point_spacing_m)),
+        scan: Arc::new(SurfaceScan::new(&walls.scan_from(truth, 361), &MatcherConfig::default())),
     };
     truth.iter().zip(poses).enumerate().map(key_scan).collect()
 }

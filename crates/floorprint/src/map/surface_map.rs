@@ -413,6 +413,7 @@ fn sector_of(dx: f32, dy: f32) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan_matcher::MatcherConfig;
     use crate::scan_matcher::synthetic::Walls;
     use proptest::prelude::*;
     use std::collections::BTreeSet;
@@ -440,7 +441,7 @@ mod tests {
     }
 
     fn scan_of(walls: &Walls) -> SurfaceScan {
-        SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 720), 0.03)
+        SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 720), &MatcherConfig::default())
     }
 
     proptest! {
@@ -533,7 +534,7 @@ mod tests {
         let walls = Walls::default().with_box([0.0, 0.0], [14.0, 0.5]);
         let mut map = SurfaceMap::new(CELL_M);
         let poses = [-4.0, 0.0, 4.0].map(|x| Pose2::new(x, 0.2, 0.0));
-        let scans = poses.map(|pose| SurfaceScan::new(&walls.scan_from(&pose, 1080), 0.03));
+        let scans = poses.map(|pose| SurfaceScan::new(&walls.scan_from(&pose, 1080), &MatcherConfig::default()));
         poses.iter().zip(&scans).for_each(|(pose, scan)| map.add_scan(pose, scan));
         let before = map.surfaces().count();
         for _ in 0..20 {
@@ -551,7 +552,7 @@ mod tests {
         let pose = Pose2::new(3.0, -2.0, 1.1);
         let (mut direct, mut indirect) = (SurfaceMap::new(CELL_M), SurfaceMap::new(CELL_M));
         direct.add_scan(&pose, &scan);
-        indirect.add_surfaces(&pose, &other);
+        indirect.add_scan(&pose, &SurfaceScan::from_surfaces([0.0, 0.0], other.surfaces()));
         for surface in indirect.surfaces().filter(|surface| surface.flatness > 0.99) {
             let found = direct.nearest(surface.mean_m.map(f64::from)).unwrap();
             let [dx, dy] = [surface.mean_m[0] - found.mean_m[0], surface.mean_m[1] - found.mean_m[1]];

@@ -12,13 +12,13 @@ fn map_seen_from(walls: &Walls, poses: &[Pose2]) -> SurfaceMap {
     let config = MatcherConfig::default();
     let mut map = SurfaceMap::new(config.cell_m);
     for pose in poses {
-        map.add_scan(pose, &SurfaceScan::new(&walls.scan_from(pose, 720), config.point_spacing_m));
+        map.add_scan(pose, &SurfaceScan::new(&walls.scan_from(pose, 720), &config));
     }
     map
 }
 
 fn scan(walls: &Walls, pose: &Pose2) -> SurfaceScan {
-    SurfaceScan::new(&walls.scan_from(pose, 541), MatcherConfig::default().point_spacing_m)
+    SurfaceScan::new(&walls.scan_from(pose, 541), &MatcherConfig::default())
 }
 
 fn belief(pose: Pose2, sigma_m: f64, sigma_rad: f64) -> PoseBelief {
@@ -96,7 +96,8 @@ fn a_handful_of_points_does_not_overrule_the_odometry() {
     let mut few = BodyScan::default();
     (0..5).for_each(|k| few.hits.push(1.0, 0.05 * k as f32));
     let prior = belief(Pose2::new(0.0, 0.0, 0.0), 0.05, 0.05);
-    let (found, rejected) = locate(&room_map(), &SurfaceScan::new(&few, 0.03), &prior, &MatcherConfig::default());
+    let (found, rejected) =
+        locate(&room_map(), &SurfaceScan::new(&few, &MatcherConfig::default()), &prior, &MatcherConfig::default());
     assert!(!rejected && prior.pose.between(&found.belief.pose).distance() < 0.05);
 }
 
@@ -115,7 +116,7 @@ fn the_two_sides_of_a_thin_wall_are_told_apart() {
 #[test]
 fn normals_of_walls_are_exact_and_face_the_robot() {
     let walls = Walls::default().with_box([0.0, 0.0], [3.0, 2.0]);
-    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.5, 0.2, 0.0), 720), 0.03);
+    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.5, 0.2, 0.0), 720), &MatcherConfig::default());
     let mut flat = 0;
     for ([x, y], [nx, ny]) in scan.iter() {
         let (wall_x, wall_y) = (f64::from(x) + 0.5, f64::from(y) + 0.2);
@@ -137,7 +138,7 @@ fn normals_of_walls_are_exact_and_face_the_robot() {
 #[test]
 fn a_wall_seen_by_few_rays_has_its_normal_too() {
     let walls = Walls::default().with_box([0.0, 0.0], [12.0, 9.0]);
-    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 180), 0.03);
+    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 180), &MatcherConfig::default());
     let ahead = scan.iter().filter(|([_, y], _)| y.abs() < 3.0);
     for (_, [nx, ny]) in ahead {
         assert!(nx.abs() > 0.99 && ny.abs() < 0.05, "{nx}, {ny}");
@@ -148,7 +149,8 @@ proptest! {
     #[test]
     fn thinned_points_keep_their_distance(x in -2.0..2.0_f64, y in -1.0..1.0_f64, theta in -3.0..3.0_f64, spacing in 0.0..0.3_f64) {
         let full = Walls::room().scan_from(&Pose2::new(x, y, theta), 541);
-        let scan = SurfaceScan::new(&full, spacing);
+        let config = MatcherConfig { point_spacing_m: spacing, max_points: usize::MAX, ..MatcherConfig::default() };
+        let scan = SurfaceScan::new(&full, &config);
         let points: Vec<_> = scan.iter().map(|(point, _)| point).collect();
         for pair in points.windows(2) {
             prop_assert!(f64::from((pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])) >= spacing - 1e-6);
@@ -161,7 +163,7 @@ proptest! {
 
     #[test]
     fn seen_from_another_pose_a_scan_is_the_same(x in -5.0..5.0_f64, y in -5.0..5.0_f64, theta in -3.0..3.0_f64) {
-        let scan = SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, 90), 0.03);
+        let scan = SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, 90), &MatcherConfig::default());
         let pose = Pose2::new(x, y, theta);
         for ((before, _), (after, normal)) in scan.iter().zip(scan.seen_from(&pose).iter()) {
             let back = pose.transform_point(after.map(f64::from));
