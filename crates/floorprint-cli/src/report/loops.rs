@@ -45,7 +45,6 @@ impl Loops {
             (Verdict::Accepted, "tied together"),
             (Verdict::DoesNotFit, "too little of the newer place lies on the older"),
             (Verdict::DoesNotFitBack, "the older place does not lie on the newer"),
-            (Verdict::OutOfReach, "the match lies where the drift cannot have led"),
         ];
         let count = |verdict| closures.iter().filter(|closure| closure.verdict == verdict).count();
         let closed = count(Verdict::Accepted);
