@@ -52,7 +52,7 @@ fn scan_in_rooms() -> Result<BodyScan, Box<dyn std::error::Error>> {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let body_scan = scan_in_rooms()?;
     let matcher = MatcherConfig::default();
-    let scan = SurfaceScan::new(&body_scan, matcher.point_spacing_m);
+    let scan = SurfaceScan::new(&body_scan, &matcher);
     let mut map = SurfaceMap::new(matcher.cell_m);
     map.add_scan(&Pose2::IDENTITY, &scan);
     let guess = Pose2::new(0.05, -0.03, 0.02);
@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         grid.add_scan(black_box(&guess), &body_scan, &mut flips);
     })?;
     measure("surfaces", || {
-        black_box(SurfaceScan::new(black_box(&body_scan), matcher.point_spacing_m));
+        black_box(SurfaceScan::new(black_box(&body_scan), &matcher));
     })?;
     measure("match_scan", || {
         black_box(match_scan(&map, &scan, black_box(&prior), &matcher));
