@@ -133,9 +133,9 @@ impl Pose2 {
 
 /// sin θ / θ and (1 − cos θ) / θ, by their series near zero.
 fn sinc_and_versine(theta: f64) -> (f64, f64) {
-    if theta.abs() < 1e-4 {
+    if theta.abs() < 1e-2 {
         let square = theta * theta;
-        (1.0 - square / 6.0, theta / 2.0 * (1.0 - square / 12.0))
+        (1.0 - square / 6.0 * (1.0 - square / 20.0), theta / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0)))
     } else {
         (theta.sin() / theta, (1.0 - theta.cos()) / theta)
     }
