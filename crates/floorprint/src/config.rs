@@ -15,7 +15,7 @@ pub use layer::Layer;
 pub use options::{Choice, ConfigOption, Kind, Range, find_options, json_schema, options};
 pub use preset::Preset;
 
-use crate::filter::FilterConfig;
+use crate::filter::{FilterConfig, GrisettiConfig};
 use crate::loop_closure::LoopClosureConfig;
 use crate::map::MapConfig;
 use crate::motion_model::MotionConfig;
@@ -47,6 +47,8 @@ pub struct Config {
     pub matcher: MatcherConfig,
     /// The particle filter.
     pub filter: FilterConfig,
+    /// The filter `grisetti2007`.
+    pub grisetti: GrisettiConfig,
     /// Closing loops.
     pub loop_closure: LoopClosureConfig,
     /// The floor texture.

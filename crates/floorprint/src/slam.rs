@@ -1,7 +1,7 @@
 //! The one function that everything calls: a frame goes in, the best pose comes out.
 
 use crate::Config;
-use crate::filter::{FilterKind, FilterStep, RaoBlackwellizedFilter, SharedMapFilter};
+use crate::filter::{FilterKind, FilterStep, GrisettiFilter, RaoBlackwellizedFilter, SharedMapFilter};
 use crate::frame::Frame;
 use crate::geometry::Pose2;
 use crate::loop_closure::{ClosureReport, close_loops, corrected_poses, map_of, refine};
@@ -47,6 +47,7 @@ pub struct Slam {
 enum Filter {
     SharedMap(SharedMapFilter),
     RaoBlackwellized(RaoBlackwellizedFilter),
+    Grisetti2007(GrisettiFilter),
 }
 
 /// What a drive amounts to.
@@ -67,6 +68,7 @@ impl Slam {
         let filter = match config.filter.kind {
             FilterKind::SharedMap => Filter::SharedMap(SharedMapFilter::new(config)),
             FilterKind::RaoBlackwellized => Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config)),
+            FilterKind::Grisetti2007 => Filter::Grisetti2007(GrisettiFilter::new(config)),
         };
         Self { config: config.clone(), filter }
     }
@@ -84,6 +86,7 @@ impl Slam {
         let step = match &mut self.filter {
             Filter::SharedMap(filter) => filter.process(frame, profiler),
             Filter::RaoBlackwellized(filter) => filter.process(frame, profiler),
+            Filter::Grisetti2007(filter) => filter.process(frame, profiler),
         };
         Ok(StepReport {
             index: frame.index,
@@ -95,13 +98,21 @@ impl Slam {
 
     /// The occupancy grid so far. `frames` are the frames that were processed, once more.
     ///
-    /// The report's filter has drawn its map along the way; the other filter's maps are made for
-    /// matching, so that the grid is drawn along the trajectory that is the best now.
+    /// The report's filter has drawn its map along the way; the other filters' maps are made for
+    /// matching, so that the grid is drawn along the trajectory that is the best now (of the
+    /// scans that were matched, where a filter does not match all).
     #[must_use]
     pub fn map(&self, frames: impl Iterator<Item = Frame>) -> OccupancyGrid {
         match &self.filter {
             Filter::SharedMap(filter) => filter.map().clone(),
             Filter::RaoBlackwellized(filter) => OccupancyGrid::along(&filter.trajectory(), frames, &self.config.map),
+            Filter::Grisetti2007(filter) => {
+                let trajectory = filter.trajectory();
+                let poses: Vec<StampedPose> = filter.matched().iter().map(|&position| trajectory[position]).collect();
+                let mut due = filter.matched().iter().peekable();
+                let frames = frames.enumerate().filter(|(position, _)| due.next_if_eq(&position).is_some());
+                OccupancyGrid::along(&poses, frames.map(|(_, frame)| frame), &self.config.map)
+            }
         }
     }
 
@@ -111,6 +122,7 @@ impl Slam {
         match &self.filter {
             Filter::SharedMap(filter) => filter.trajectory(),
             Filter::RaoBlackwellized(filter) => filter.trajectory(),
+            Filter::Grisetti2007(filter) => filter.trajectory(),
         }
     }
 

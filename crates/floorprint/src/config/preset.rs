@@ -14,11 +14,13 @@ pub enum Preset {
     Fast,
     /// The report to the letter.
     Seed,
+    /// The algorithm of Grisetti, Stachniss & Burgard 2007, for comparison.
+    Gmapping,
 }
 
 impl Preset {
     /// All presets.
-    pub const ALL: [Self; 3] = [Self::Default, Self::Fast, Self::Seed];
+    pub const ALL: [Self; 4] = [Self::Default, Self::Fast, Self::Seed, Self::Gmapping];
 
     /// The name by which users call it.
     #[must_use]
@@ -27,6 +29,7 @@ impl Preset {
             Self::Default => "default",
             Self::Fast => "fast",
             Self::Seed => "seed",
+            Self::Gmapping => "gmapping",
         }
     }
 
@@ -37,6 +40,7 @@ impl Preset {
             Self::Default => include_str!("../../presets/default.toml"),
             Self::Fast => include_str!("../../presets/fast.toml"),
             Self::Seed => include_str!("../../presets/seed.toml"),
+            Self::Gmapping => include_str!("../../presets/gmapping.toml"),
         }
     }
 

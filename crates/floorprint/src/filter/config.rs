@@ -39,6 +39,8 @@ pub enum FilterKind {
     /// A map for every particle, poses drawn from the measurement.
     #[default]
     RaoBlackwellized,
+    /// A grid for every particle, matched at key scans only: the algorithm of Grisetti, Stachniss & Burgard 2007.
+    Grisetti2007,
 }
 
 /// How particles are drawn anew.

@@ -3,12 +3,14 @@
 mod config;
 mod correlation;
 mod genealogy;
+mod grisetti;
 mod rao_blackwellized;
 mod resampler;
 mod shared_map;
 mod weights;
 
 pub use config::{FilterConfig, FilterKind, ResamplerKind};
+pub use grisetti::{GrisettiConfig, GrisettiFilter, Proposal};
 pub use rao_blackwellized::RaoBlackwellizedFilter;
 pub use resampler::resample;
 pub use shared_map::SharedMapFilter;

@@ -2,6 +2,7 @@
 
 mod cell;
 mod config;
+mod hit_grid;
 mod occupancy_grid;
 mod raster;
 mod ray;
@@ -10,6 +11,7 @@ mod tile_grid;
 
 pub use cell::Cell;
 pub use config::MapConfig;
+pub use hit_grid::HitGrid;
 pub use occupancy_grid::{Flip, OccupancyGrid};
 pub use raster::{Occupancy, Raster};
 pub use ray::passed_cells;

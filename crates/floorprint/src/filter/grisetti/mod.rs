@@ -1,0 +1,205 @@
+//! The filter of Grisetti, Stachniss & Burgard 2007, "Improved techniques for grid mapping with
+//! Rao-Blackwellized particle filters", for comparison: GMapping's matcher and constants, and the
+//! paper's proposal.
+//!
+//! Only scans between which the robot has moved far enough are matched; in between, poses are the
+//! last matched one and the odometry. Paper and GMapping differ in the proposal
+//! ([`Proposal`]); GMapping's samples of the motion model at every odometry reading
+//! are drawn once per matched scan here, from the Gaussian that they sum up to.
+
+mod beam_matcher;
+mod config;
+mod odometry_belief;
+
+pub use config::{GrisettiConfig, Proposal};
+
+use super::genealogy::Trail;
+use super::resampler::resample;
+use super::weights::{effective_number, heaviest, normalise};
+use super::{FilterConfig, FilterStep};
+use crate::Config;
+use crate::frame::Frame;
+use crate::geometry::Pose2;
+use crate::map::HitGrid;
+use crate::profiler::{Phase, Profiler};
+use crate::random::{Stage, generator};
+use crate::sensors::StampedPose;
+use beam_matcher::BeamMatcher;
+use odometry_belief::{OdometryBelief, draw};
+use rayon::prelude::*;
+
+/// One hypothesis: where the robot is, how it got there, and what the world then looks like.
+#[derive(Debug, Clone)]
+struct Particle {
+    /// At the last matched scan.
+    pose: Pose2,
+    /// Logarithm of the evidence since the last resampling, not smoothed.
+    log_weight: f64,
+    /// Logarithm of the evidence of the whole trajectory.
+    log_evidence: f64,
+    map: HitGrid,
+    trail: Trail,
+}
+
+/// N particles, each with a grid of its own.
+#[derive(Debug)]
+pub struct GrisettiFilter {
+    seed: u64,
+    filter: FilterConfig,
+    config: GrisettiConfig,
+    particles: Vec<Particle>,
+    /// Since the last matched scan.
+    odometry: OdometryBelief,
+    /// Positions in the trajectory of the scans that were matched.
+    matched: Vec<usize>,
+    /// The last matched scan's step.
+    last: FilterStep,
+    steps: usize,
+}
+
+impl GrisettiFilter {
+    /// All particles at the origin, nothing mapped.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let count = config.filter.particles.max(1);
+        let particle = Particle {
+            pose: Pose2::IDENTITY,
+            log_weight: 0.0,
+            log_evidence: 0.0,
+            map: HitGrid::new(config.grisetti.cell_m, config.grisetti.full_share),
+            trail: Trail::default(),
+        };
+        Self {
+            seed: config.seed,
+            filter: config.filter.clone(),
+            config: config.grisetti.clone(),
+            particles: vec![particle; count],
+            odometry: OdometryBelief::new(),
+            matched: Vec::new(),
+            last: FilterStep {
+                pose: Pose2::IDENTITY,
+                effective_particles: count as f64,
+                inlier_share: 1.0,
+                score: 0.0,
+                resampled: false,
+                odometry_rejected: false,
+            },
+            steps: 0,
+        }
+    }
+
+    /// One step: with the odometry, or by matching where that is due.
+    pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
+        profiler.enter(Phase::Predict);
+        self.odometry.extend(&frame.motion.unwrap_or(Pose2::IDENTITY), &self.config);
+        // Where nothing measures the motion, only the scan can tell it.
+        let due = self.steps == 0 || frame.motion.is_none() || self.odometry.is_due(&self.config);
+        let weights = if due { self.match_scan(frame, profiler) } else { Vec::new() };
+        let stamp_s = frame.stamp_s;
+        for particle in &mut self.particles {
+            let pose = particle.pose.compose(&self.odometry.motion);
+            particle.trail.push(StampedPose { stamp_s, pose });
+        }
+        let pose = self.particles[self.best()].pose.compose(&self.odometry.motion);
+        profiler.enter(Phase::Resample);
+        let resampled = due && self.last.effective_particles < self.filter.resample_below * self.particles.len() as f64;
+        if resampled {
+            self.resample(&weights);
+        }
+        self.steps += 1;
+        FilterStep { pose, resampled, ..self.last }
+    }
+
+    /// Moves every particle to where the scan says, weighs it and writes the scan into its map;
+    /// returns the weights.
+    fn match_scan(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> Vec<f64> {
+        profiler.enter(Phase::Match);
+        let odometry = std::mem::replace(&mut self.odometry, OdometryBelief::new());
+        let matcher = BeamMatcher::new(&frame.scan, &self.config);
+        if !self.matched.is_empty() {
+            let (seed, step, proposal) = (self.seed, self.steps as u64, self.config.proposal);
+            self.particles.par_iter_mut().enumerate().for_each(|(index, particle)| {
+                let mut random = generator(seed, Stage::Proposal, step, index as u64);
+                particle.advance(&matcher, &odometry, proposal, &mut random);
+            });
+            let best = &self.particles[self.best()];
+            (self.last.inlier_share, self.last.score) = matcher.fit(&best.map, &best.pose);
+        }
+        let weights = self.smoothed_weights();
+        self.last.effective_particles = effective_number(&weights);
+        profiler.enter(Phase::Map);
+        let trace_rays = self.config.trace_rays;
+        self.particles
+            .par_iter_mut()
+            .for_each(|particle| particle.map.add_scan(&particle.pose, &frame.scan, trace_rays));
+        self.matched.push(self.steps);
+        weights
+    }
+
+    /// The particle whose trajectory explains all scans best.
+    fn best(&self) -> usize {
+        let evidence: Vec<f64> = self.particles.iter().map(|particle| particle.log_evidence).collect();
+        heaviest(&evidence)
+    }
+
+    fn smoothed_weights(&self) -> Vec<f64> {
+        let gain = 1.0 / (self.config.weight_smoothing * self.particles.len() as f64);
+        normalise(&mut self.particles.iter().map(|particle| gain * particle.log_weight).collect::<Vec<_>>())
+    }
+
+    fn resample(&mut self, weights: &[f64]) {
+        let mut random = generator(self.seed, Stage::Resampling, self.steps as u64, 0);
+        let chosen = resample(self.filter.resampler, weights, &mut random);
+        for particle in &mut self.particles {
+            particle.trail.fork();
+            particle.log_weight = 0.0;
+        }
+        self.particles = chosen.into_iter().map(|index| self.particles[index].clone()).collect();
+    }
+
+    /// The pose at every scan, of the particle that is the best now.
+    #[must_use]
+    pub fn trajectory(&self) -> Vec<StampedPose> {
+        self.particles[self.best()].trail.poses()
+    }
+
+    /// Which poses of the trajectory were matched, ascending; the map is made of their scans.
+    #[must_use]
+    pub fn matched(&self) -> &[usize] {
+        &self.matched
+    }
+}
+
+impl Particle {
+    /// The paper's Algorithm 1 for one particle.
+    fn advance(
+        &mut self,
+        matcher: &BeamMatcher,
+        odometry: &OdometryBelief,
+        proposal: Proposal,
+        random: &mut impl rand::Rng,
+    ) {
+        let start = match proposal {
+            Proposal::Gaussian => self.pose.compose(&odometry.motion),
+            Proposal::Optimum => odometry.sample(&self.pose, random),
+        };
+        let (pose, log_evidence) = match (matcher.climb(&self.map, &start), proposal) {
+            (Some(optimum), Proposal::Gaussian) => {
+                let information = odometry.information();
+                let log_prior = |pose: &Pose2| odometry.log_density(&self.pose, pose, &information);
+                let gaussian = matcher.proposal(&self.map, &optimum, log_prior);
+                (draw(&gaussian.mean, &gaussian.covariance, random), gaussian.log_evidence)
+            }
+            (Some(optimum), Proposal::Optimum) => (optimum, matcher.log_likelihood(&self.map, &optimum)),
+            // Nothing fits: the odometry alone decides.
+            (None, Proposal::Gaussian) => {
+                let pose = odometry.sample(&self.pose, random);
+                (pose, matcher.log_likelihood(&self.map, &pose))
+            }
+            (None, Proposal::Optimum) => (start, matcher.log_likelihood(&self.map, &start)),
+        };
+        self.pose = pose;
+        self.log_weight += log_evidence;
+        self.log_evidence += log_evidence;
+    }
+}
