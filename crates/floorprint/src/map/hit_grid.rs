@@ -3,7 +3,7 @@
 
 use super::cell::Cell;
 use super::ray::passed_cells;
-use super::tile_grid::{TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
+use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
 
@@ -18,29 +18,31 @@ struct CellHits {
     visits: u32,
 }
 
+/// How far around a tile it knows which cells are full, cells: two to the cell before a ray's end, one around that.
+const BORDER: i32 = 3;
+/// Side of a tile and its border.
+const BORDERED_SIDE: usize = (TILE_SIDE + 2 * BORDER) as usize;
+
 #[derive(Debug, Clone)]
 struct HitTile {
-    /// For each row the cells that count as occupied, one bit each.
-    full: [u32; TILE_SIDE as usize],
+    /// For each row of the tile and its border the cells that count as occupied, one bit each.
+    full: [u64; BORDERED_SIDE],
     cells: [CellHits; TILE_CELLS],
 }
 
 impl Default for HitTile {
     fn default() -> Self {
-        Self { full: [0; TILE_SIDE as usize], cells: [CellHits::default(); TILE_CELLS] }
+        Self { full: [0; BORDERED_SIDE], cells: [CellHits::default(); TILE_CELLS] }
     }
 }
 
 impl HitTile {
-    /// Notes whether a cell whose counts have changed is full.
-    fn update_full(&mut self, index: usize, full_share: f64) {
-        let (row, bit) = (index / TILE_SIDE as usize, 1 << (index % TILE_SIDE as usize));
-        let CellHits { hits, visits, .. } = self.cells[index];
-        if f64::from(hits) > full_share * f64::from(visits) {
-            self.full[row] |= bit;
-        } else {
-            self.full[row] &= !bit;
-        }
+    /// Which of the nine cells around and including this column and row are full: one bit each, row by row.
+    #[inline]
+    fn full_around(&self, column: i32, row: i32) -> u32 {
+        let first = (row + BORDER - 1) as usize;
+        let three = |row: usize| (self.full[row] >> (column + BORDER - 1)) as u32 & 0b111;
+        three(first) | three(first + 1) << 3 | three(first + 2) << 6
     }
 }
 
@@ -52,7 +54,7 @@ pub struct HitGrid {
     tiles: TileGrid<HitTile>,
 }
 
-/// The columns and rows next to a cell and its own.
+/// Offsets to the column or row before, the same, and after.
 const NEAR: [i32; 3] = [-1, 0, 1];
 
 impl HitGrid {
@@ -95,7 +97,7 @@ impl HitGrid {
         for (mean, value) in hits.mean_m.iter_mut().zip(point_m) {
             *mean += gain * (value as f32 - *mean);
         }
-        tile.update_full(index_in_tile(cell), self.full_share);
+        self.update_full(cell);
     }
 
     /// Counts a visit of the cells from `from` up to, not including, `to`.
@@ -109,12 +111,35 @@ impl HitGrid {
                 // Each tile along the ray is looked up once.
                 tile = self.tiles.tile_mut(at);
             }
-            let index = index_in_tile(cell);
-            tile.cells[index].visits += 1;
-            if tile.cells[index].hits > 0 {
-                tile.update_full(index, self.full_share);
+            let hits = &mut tile.cells[index_in_tile(cell)];
+            hits.visits += 1;
+            if hits.hits > 0 {
+                self.update_full(cell);
+                tile = self.tiles.tile_mut(at);
             }
         }
+    }
+
+    /// Notes in all tiles that know of it whether a cell whose counts have changed is full.
+    fn update_full(&mut self, cell: Cell) {
+        let CellHits { hits, visits, .. } = self.tiles.tile_mut(tile_of(cell)).cells[index_in_tile(cell)];
+        let full = f64::from(hits) > self.full_share * f64::from(visits);
+        if full == self.is_full(cell) {
+            return;
+        }
+        let first = tile_of(Cell { x: cell.x - BORDER, y: cell.y - BORDER });
+        let last = tile_of(Cell { x: cell.x + BORDER, y: cell.y + BORDER });
+        for y in first.y..=last.y {
+            for x in first.x..=last.x {
+                let (column, row) = (cell.x - (x << TILE_BITS) + BORDER, cell.y - (y << TILE_BITS) + BORDER);
+                self.tiles.tile_mut(Cell { x, y }).full[row as usize] ^= 1 << column;
+            }
+        }
+    }
+
+    fn is_full(&self, cell: Cell) -> bool {
+        let (column, row) = place_in_tile(cell);
+        self.tiles.tile(tile_of(cell)).is_some_and(|tile| tile.full_around(column, row) >> 4 & 1 == 1)
     }
 
     #[inline]
@@ -124,55 +149,42 @@ impl HitGrid {
 
     /// The squared distance (m²) from a ray's end to the nearest mean among its cell and the eight
     /// around it, of cells that are full and whose neighbour towards the sensor is not: the
-    /// fronts of walls. `before_m` is the point on the ray that lies in that neighbour of the end's cell.
+    /// fronts of walls. `before_m` is the point on the ray
+    /// that lies in that neighbour of the end's cell, at most two cells away from it.
     #[inline]
     #[must_use]
     pub fn squared_distance(&self, end_m: [f64; 2], before_m: [f64; 2]) -> Option<f32> {
         let cell = self.cell_at(end_m);
-        let full = self.full_around(cell);
+        let tile = self.tiles.tile(tile_of(cell))?;
+        let (column, row) = place_in_tile(cell);
+        let full = tile.full_around(column, row);
         if full == 0 {
             return None;
         }
-        let mut fronts = full & !self.full_around(self.cell_at(before_m));
-        let mut nearest: Option<f32> = None;
+        let before = self.cell_at(before_m);
+        let (dx, dy) =
+            ((before.x - cell.x).clamp(1 - BORDER, BORDER - 1), (before.y - cell.y).clamp(1 - BORDER, BORDER - 1));
+        let mut fronts = full & !tile.full_around(column + dx, row + dy);
+        let mut nearest = f32::INFINITY;
         while fronts != 0 {
             let place = fronts.trailing_zeros() as usize;
             fronts &= fronts - 1;
             let [x, y] = self.mean(Cell { x: cell.x + NEAR[place % 3], y: cell.y + NEAR[place / 3] });
-            let square = (end_m[0] as f32 - x).powi(2) + (end_m[1] as f32 - y).powi(2);
-            nearest = Some(nearest.map_or(square, |nearest| nearest.min(square)));
+            nearest = nearest.min((end_m[0] as f32 - x).powi(2) + (end_m[1] as f32 - y).powi(2));
         }
-        nearest
+        nearest.is_finite().then_some(nearest)
     }
 
     #[inline]
     fn mean(&self, cell: Cell) -> [f32; 2] {
         self.tiles.tile(tile_of(cell)).map_or([0.0; 2], |tile| tile.cells[index_in_tile(cell)].mean_m)
     }
+}
 
-    /// Which of the nine cells around and including this one are full: one bit each, row by row.
-    #[inline]
-    fn full_around(&self, cell: Cell) -> u32 {
-        let (column, row) = (cell.x & (TILE_SIDE - 1), cell.y & (TILE_SIDE - 1));
-        let inner = 1..TILE_SIDE - 1;
-        if inner.contains(&column) && inner.contains(&row) {
-            let Some(tile) = self.tiles.tile(tile_of(cell)) else { return 0 };
-            let three = |row: i32| (tile.full[row as usize] >> (column - 1)) & 0b111;
-            return three(row - 1) | three(row) << 3 | three(row + 1) << 6;
-        }
-        let mut full = 0;
-        for (place, (dy, dx)) in NEAR.iter().flat_map(|dy| NEAR.map(|dx| (dy, dx))).enumerate() {
-            let near = Cell { x: cell.x + dx, y: cell.y + dy };
-            full |= u32::from(self.is_full(near)) << place;
-        }
-        full
-    }
-
-    #[inline]
-    fn is_full(&self, cell: Cell) -> bool {
-        let (column, row) = (cell.x & (TILE_SIDE - 1), cell.y & (TILE_SIDE - 1));
-        self.tiles.tile(tile_of(cell)).is_some_and(|tile| tile.full[row as usize] >> column & 1 == 1)
-    }
+/// Column and row of a cell in its tile.
+#[inline]
+fn place_in_tile(cell: Cell) -> (i32, i32) {
+    (cell.x & (TILE_SIDE - 1), cell.y & (TILE_SIDE - 1))
 }
 
 #[cfg(test)]

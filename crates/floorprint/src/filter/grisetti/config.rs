@@ -99,8 +99,8 @@ impl Default for GrisettiConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Proposal {
-    /// A Gaussian around the optimum that the odometry's prediction leads to, weighted by the
-    /// evidence: the paper's Algorithm 1.
+    /// A Gaussian around the optimum that a sample of the odometry leads to, weighted by the
+    /// evidence: the paper's.
     #[default]
     Gaussian,
     /// The optimum that a sample of the odometry leads to, weighted by its likelihood: what GMapping ships.

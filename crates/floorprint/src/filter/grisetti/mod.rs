@@ -3,9 +3,11 @@
 //! paper's proposal.
 //!
 //! Only scans between which the robot has moved far enough are matched; in between, poses are the
-//! last matched one and the odometry. Paper and GMapping differ in the proposal
-//! ([`Proposal`]); GMapping's samples of the motion model at every odometry reading
-//! are drawn once per matched scan here, from the Gaussian that they sum up to.
+//! last matched one and the odometry. Paper and GMapping differ in the proposal ([`Proposal`]).
+//! As in GMapping, each particle's climb starts from a sample of the motion model: from the mean,
+//! as the paper's Algorithm 1 has it, all particles climb to the same optimum and a long loop finds
+//! none that is right. GMapping's samples at every odometry reading are drawn once per
+//! matched scan here, from the Gaussian that they sum up to.
 
 mod beam_matcher;
 mod config;
@@ -171,7 +173,7 @@ impl GrisettiFilter {
 }
 
 impl Particle {
-    /// The paper's Algorithm 1 for one particle.
+    /// To a pose drawn from the proposal, weighted by what the scan says.
     fn advance(
         &mut self,
         matcher: &BeamMatcher,
@@ -179,10 +181,7 @@ impl Particle {
         proposal: Proposal,
         random: &mut impl rand::Rng,
     ) {
-        let start = match proposal {
-            Proposal::Gaussian => self.pose.compose(&odometry.motion),
-            Proposal::Optimum => odometry.sample(&self.pose, random),
-        };
+        let start = odometry.sample(&self.pose, random);
         let (pose, log_evidence) = match (matcher.climb(&self.map, &start), proposal) {
             (Some(optimum), Proposal::Gaussian) => {
                 let information = odometry.information();
@@ -192,11 +191,7 @@ impl Particle {
             }
             (Some(optimum), Proposal::Optimum) => (optimum, matcher.log_likelihood(&self.map, &optimum)),
             // Nothing fits: the odometry alone decides.
-            (None, Proposal::Gaussian) => {
-                let pose = odometry.sample(&self.pose, random);
-                (pose, matcher.log_likelihood(&self.map, &pose))
-            }
-            (None, Proposal::Optimum) => (start, matcher.log_likelihood(&self.map, &start)),
+            (None, _) => (start, matcher.log_likelihood(&self.map, &start)),
         };
         self.pose = pose;
         self.log_weight += log_evidence;
