@@ -89,7 +89,7 @@ impl HitGrid {
 
     fn add_hit(&mut self, point_m: [f64; 2]) {
         let cell = self.cell_at(point_m);
-        let tile = self.tiles.tile_mut(tile_of(cell));
+        let Some(tile) = self.tiles.tile_mut(tile_of(cell)) else { return };
         let hits = &mut tile.cells[index_in_tile(cell)];
         hits.hits += 1;
         hits.visits += 1;
@@ -103,26 +103,33 @@ impl HitGrid {
     /// Counts a visit of the cells from `from` up to, not including, `to`.
     fn pass_along(&mut self, from: Cell, to: Cell) {
         let mut at = tile_of(from);
-        let mut tile = self.tiles.tile_mut(at);
+        // Between two cells that the grid holds it holds them all.
+        if !self.tiles.make_room(tile_of(to)) {
+            return;
+        }
+        let Some(mut tile) = self.tiles.tile_mut(at) else { return };
         for cell in passed_cells(from, to) {
             let here = tile_of(cell);
             if here != at {
                 at = here;
                 // Each tile along the ray is looked up once.
-                tile = self.tiles.tile_mut(at);
+                let Some(next) = self.tiles.tile_mut(at) else { return };
+                tile = next;
             }
             let hits = &mut tile.cells[index_in_tile(cell)];
             hits.visits += 1;
             if hits.hits > 0 {
                 self.update_full(cell);
-                tile = self.tiles.tile_mut(at);
+                let Some(again) = self.tiles.tile_mut(at) else { return };
+                tile = again;
             }
         }
     }
 
     /// Notes in all tiles that know of it whether a cell whose counts have changed is full.
     fn update_full(&mut self, cell: Cell) {
-        let CellHits { hits, visits, .. } = self.tiles.tile_mut(tile_of(cell)).cells[index_in_tile(cell)];
+        let Some(tile) = self.tiles.tile(tile_of(cell)) else { return };
+        let CellHits { hits, visits, .. } = tile.cells[index_in_tile(cell)];
         let full = f64::from(hits) > self.full_share * f64::from(visits);
         if full == self.is_full(cell) {
             return;
@@ -132,7 +139,9 @@ impl HitGrid {
         for y in first.y..=last.y {
             for x in first.x..=last.x {
                 let (column, row) = (cell.x - (x << TILE_BITS) + BORDER, cell.y - (y << TILE_BITS) + BORDER);
-                self.tiles.tile_mut(Cell { x, y }).full[row as usize] ^= 1 << column;
+                let Some(tile) = self.tiles.tile_mut(Cell { x, y }) else { continue };
+                let bits = &mut tile.full[row as usize];
+                *bits = *bits & !(1 << column) | u64::from(full) << column;
             }
         }
     }
