@@ -198,3 +198,97 @@ impl Particle {
         self.log_evidence += log_evidence;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::BodyScan;
+    use crate::profiler::NoProfiler;
+    use crate::scan_matcher::synthetic::{Walls, frame, poses_along};
+
+    fn config(particles: usize, proposal: Proposal) -> Config {
+        let mut config = Config::default();
+        config.filter.particles = particles;
+        config.grisetti.proposal = proposal;
+        config
+    }
+
+    /// Two laps of 10 m in the room.
+    fn laps() -> Vec<Pose2> {
+        let corners: Vec<[f64; 2]> =
+            (0..=8).map(|k| [[-1.5, -1.0], [1.5, -1.0], [1.5, 1.0], [-1.5, 1.0]][k % 4]).collect();
+        poses_along(&corners, 0.12)
+    }
+
+    /// Odometry that turns to the left of where the robot goes.
+    fn odometry(truth: &[Pose2], k: usize) -> Pose2 {
+        if k == 0 { Pose2::IDENTITY } else { truth[k - 1].between(&truth[k]).compose(&Pose2::new(0.0, 0.0, 0.004)) }
+    }
+
+    fn drive(filter: &mut GrisettiFilter, truth: &[Pose2], sees: bool) -> Vec<FilterStep> {
+        let room = Walls::room();
+        let scan = |k: usize| if sees { room.scan_from(&truth[k], 181) } else { BodyScan::default() };
+        (0..truth.len())
+            .map(|k| filter.process(&frame(k, Some(odometry(truth, k)), scan(k)), &mut NoProfiler))
+            .collect()
+    }
+
+    fn last_error_m(filter: &GrisettiFilter, truth: &[Pose2]) -> f64 {
+        let (end, found) = (truth[truth.len() - 1], filter.trajectory()[truth.len() - 1].pose);
+        truth[0].between(&end).between(&found).distance()
+    }
+
+    #[test]
+    fn scans_put_right_what_the_odometry_gets_wrong() {
+        let truth = laps();
+        for proposal in [Proposal::Gaussian, Proposal::Optimum] {
+            let mut filter = GrisettiFilter::new(&config(10, proposal));
+            drive(&mut filter, &truth, true);
+            let mut blind = GrisettiFilter::new(&config(10, proposal));
+            drive(&mut blind, &truth, false);
+            let (error_m, blind_m) = (last_error_m(&filter, &truth), last_error_m(&blind, &truth));
+            assert!(error_m < 0.1 && blind_m > 3.0 * error_m, "{proposal:?}: {error_m} m, blind {blind_m} m");
+        }
+    }
+
+    #[test]
+    fn scans_are_matched_now_and_then_and_the_odometry_leads_in_between() {
+        let truth = laps();
+        let mut filter = GrisettiFilter::new(&config(5, Proposal::Gaussian));
+        drive(&mut filter, &truth, true);
+        let (matched, trajectory) = (filter.matched(), filter.trajectory());
+        assert_eq!((matched[0], trajectory.len()), (0, truth.len()));
+        assert!(matched.len() > 15 && matched.len() < truth.len() / 3, "{}", matched.len());
+        for k in (1..truth.len()).filter(|k| !matched.contains(k)) {
+            let step = trajectory[k - 1].pose.between(&trajectory[k].pose);
+            let off = odometry(&truth, k).between(&step);
+            assert!(off.distance() < 1e-9 && off.theta.abs() < 1e-9, "scan {k}: {off:?}");
+        }
+    }
+
+    #[test]
+    fn particles_are_drawn_anew_only_when_few_are_effective() {
+        let truth = laps();
+        for (share, some) in [(0.0, false), (1.0, true)] {
+            let mut config = config(6, Proposal::Gaussian);
+            config.filter.resample_below = share;
+            let steps = drive(&mut GrisettiFilter::new(&config), &truth, true);
+            assert_eq!(steps.iter().any(|step| step.resampled), some);
+            assert!(steps.iter().filter(|step| step.resampled).all(|step| step.effective_particles < share * 6.0));
+        }
+    }
+
+    #[test]
+    fn the_number_of_threads_changes_nothing() {
+        let truth = laps();
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut filter = GrisettiFilter::new(&config(7, Proposal::Gaussian));
+                let steps = drive(&mut filter, &truth, true);
+                (steps, filter.trajectory())
+            })
+        };
+        assert_eq!(run(1), run(3));
+    }
+}
