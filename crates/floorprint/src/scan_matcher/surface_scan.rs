@@ -21,6 +21,10 @@ pub struct SurfaceScan {
 
 impl SurfaceScan {
     /// Points of `scan`, thinned as `config` asks, with normals from all its points.
+    ///
+    /// The step from one point to the next follows from how densely the surface was hit. Taking
+    /// the first point that is far enough away would prefer points whose noise moves them away:
+    /// walls ahead and behind would seem turned, always the same way.
     #[must_use]
     pub fn new(scan: &BodyScan, config: &MatcherConfig) -> Self {
         let xs = &scan.hits.x_m;
@@ -30,18 +34,11 @@ impl SurfaceScan {
         let spacing = spacing_for(xs, ys, config);
         let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
         let mut result = Self { origin_m: scan.origin_m, ..Self::default() };
-        let mut kept: Option<[f32; 2]> = None;
-        for i in 0..count {
+        let mut i = 0;
+        while i < count {
             let (x, y) = (xs[i], ys[i]);
-            if let Some([kept_x, kept_y]) = kept {
-                let (dx, dy) = (x - kept_x, y - kept_y);
-                if dx * dx + dy * dy < spacing * spacing {
-                    continue;
-                }
-            }
-            kept = Some([x, y]);
             let range = (x - origin_x).hypot(y - origin_y);
-            let reach = NEIGHBOURHOOD_M.max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
+            let reach = NEIGHBOURHOOD_M.max(spacing).max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
             let within = |j: usize| {
                 let (dx, dy) = (xs[j] - x, ys[j] - y);
                 dx * dx + dy * dy <= reach * reach
@@ -56,6 +53,9 @@ impl SurfaceScan {
             }
             result.points_m.push([x, y]);
             result.normals.push(sums.normal(begin, end, [origin_x - x, origin_y - y]));
+            let length = (xs[end - 1] - xs[begin]).hypot(ys[end - 1] - ys[begin]);
+            let step = (spacing * (end - begin - 1) as f32 / length.max(1e-3)).round() as usize;
+            i = (i + step.max(1)).min(end);
         }
         result
     }
