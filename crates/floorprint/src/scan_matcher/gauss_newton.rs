@@ -19,6 +19,20 @@ pub struct PoseBelief {
     pub information: Matrix3<f64>,
 }
 
+impl PoseBelief {
+    /// A pose's offset from the mean over (x, y, θ).
+    fn offset(&self, pose: &Pose2) -> Vector3<f64> {
+        Vector3::new(pose.x - self.pose.x, pose.y - self.pose.y, wrap_angle(pose.theta - self.pose.theta))
+    }
+
+    /// A pose's distance from the mean in standard deviations (Mahalanobis).
+    #[must_use]
+    pub fn sigmas_to(&self, pose: &Pose2) -> f64 {
+        let offset = self.offset(pose);
+        (offset.transpose() * self.information * offset).x.sqrt()
+    }
+}
+
 /// Where a scan fits a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchResult {
@@ -35,15 +49,27 @@ pub struct MatchResult {
 /// Fits `scan` to `map`, starting at the mean of `prior`.
 #[must_use]
 pub fn match_scan(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> MatchResult {
+    match_scan_against(map, scan, prior, f64::INFINITY, config)
+}
+
+/// Fits `scan` to `map`, starting at the mean of a `prior` that may itself be wrong: from about
+/// `trusted_sigmas` away from it on the scan prevails (Cauchy's weights).
+#[must_use]
+pub fn match_scan_against(
+    map: &SurfaceMap,
+    scan: &SurfaceScan,
+    prior: &PoseBelief,
+    trusted_sigmas: f64,
+    config: &MatcherConfig,
+) -> MatchResult {
     let mut pose = prior.pose;
     let mut last = Linearisation::default();
     let mut gate = config.wide_gate_sigmas;
     for _ in 0..config.iterations {
         last = linearise(map, scan, &pose, gate, config);
-        let offset =
-            Vector3::new(pose.x - prior.pose.x, pose.y - prior.pose.y, wrap_angle(pose.theta - prior.pose.theta));
-        let information = last.information + prior.information;
-        let gradient = last.gradient + prior.information * offset;
+        let prior_information = prior.information / (1.0 + (prior.sigmas_to(&pose) / trusted_sigmas).powi(2));
+        let information = last.information + prior_information;
+        let gradient = last.gradient + prior_information * prior.offset(&pose);
         let Some(step) = information.cholesky().map(|factor| -factor.solve(&gradient)) else { break };
         pose = Pose2::new(pose.x + step.x, pose.y + step.y, pose.theta + step.z);
         let (step_m, step_rad) = (step.x.hypot(step.y), step.z.abs());

@@ -1,10 +1,13 @@
 //! Where a scan fits a map: near the odometry's prediction, or, where that fails, anywhere around it.
 
 use super::correlative::{SearchWindow, search};
+use super::gauss_newton::match_scan_against;
 use super::{MatchResult, MatcherConfig, PoseBelief, SurfaceScan, match_scan};
 use crate::map::SurfaceMap;
 use std::f64::consts::PI;
 
+/// Odometry that the scan contradicts by more than this many standard deviations is taken to be wrong.
+const TRUSTED_SIGMAS: f64 = 3.0;
 /// Candidates of a search that are matched finely.
 const CANDIDATES: usize = 4;
 /// Fewer points than this fit almost anywhere; they are no reason to doubt the odometry.
@@ -20,9 +23,11 @@ const DISTRUST: f64 = 0.01;
 /// Fits `scan` to `map`. The second value tells whether the scan contradicted the odometry, and won.
 #[must_use]
 pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> (MatchResult, bool) {
-    let predicted = match_scan(map, scan, prior, config);
+    let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
+    let predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
+    let contradicted = prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas;
     if predicted.inlier_share >= config.search_below_inlier_share || scan.len() < POINTS_TO_SEARCH {
-        return (predicted, false);
+        return (predicted, contradicted);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
     let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: PI };
@@ -39,5 +44,5 @@ pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: 
             break;
         }
     }
-    if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER { (best, true) } else { (predicted, false) }
+    if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER { (best, true) } else { (predicted, contradicted) }
 }

@@ -38,7 +38,8 @@ impl SurfaceScan {
         while i < count {
             let (x, y) = (xs[i], ys[i]);
             let range = (x - origin_x).hypot(y - origin_y);
-            let reach = NEIGHBOURHOOD_M.max(spacing).max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
+            let reach =
+                NEIGHBOURHOOD_M.max(spacing).max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
             let within = |j: usize| {
                 let (dx, dy) = (xs[j] - x, ys[j] - y);
                 dx * dx + dy * dy <= reach * reach
