@@ -1,0 +1,55 @@
+//! How close the default configuration comes to the truth in the simulator's worlds.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+mod simulation;
+
+use rayon::ThreadPoolBuilder;
+use simulation::solve;
+
+#[test]
+fn small_worlds_are_mapped_to_a_few_centimetres() {
+    for world in ["rooms", "corridors", "loop", "pillars", "glass", "people"] {
+        let outcome = solve(world, 2, &[], "");
+        assert!(outcome.error.translation_m.rmse < 0.02, "{world}: {outcome}");
+        assert!(outcome.error.translation_m.max < 0.06, "{world}: {outcome}");
+        assert!(outcome.error.rotation_deg.rmse < 0.15, "{world}: {outcome}");
+        assert!(outcome.rejected_s.is_empty(), "{world}: {outcome}");
+    }
+}
+
+#[test]
+fn loops_that_share_a_corridor_close() {
+    let outcome = solve("figure_of_eight", 1, &[], "");
+    assert!(outcome.error.translation_m.max < 0.25, "{outcome}");
+    assert!(outcome.final_m < 0.05, "{outcome}");
+}
+
+#[test]
+fn corridors_that_look_the_same_are_not_confused() {
+    let outcome = solve("five_corridors", 2, &[], "");
+    assert!(outcome.error.translation_m.max < 0.15, "{outcome}");
+    assert!(outcome.final_m < 0.1, "{outcome}");
+}
+
+#[test]
+fn the_fast_preset_stays_within_a_few_centimetres() {
+    let outcome = solve("rooms", 1, &[], floorprint::config::Preset::Fast.toml());
+    assert!(outcome.error.translation_m.rmse < 0.03, "{outcome}");
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    for settings in ["", "[filter]\nparticles = 6"] {
+        let outcomes = [1, 2, 8].map(|threads| {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| solve("corridors", 3, &[], settings))
+        });
+        assert!(!outcomes[0].result.closures.is_empty());
+        for other in &outcomes[1..] {
+            assert_eq!(outcomes[0].result.trajectory, other.result.trajectory);
+            assert_eq!(outcomes[0].result.closures, other.result.closures);
+            assert_eq!(outcomes[0].result.map.to_raster(), other.result.map.to_raster());
+        }
+    }
+}
