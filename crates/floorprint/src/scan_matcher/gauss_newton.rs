@@ -29,7 +29,7 @@ impl PoseBelief {
     #[must_use]
     pub fn sigmas_to(&self, pose: &Pose2) -> f64 {
         let offset = self.offset(pose);
-        (offset.transpose() * self.information * offset).x.sqrt()
+        (offset.transpose() * self.information * offset).x.max(0.0).sqrt()
     }
 }
 
