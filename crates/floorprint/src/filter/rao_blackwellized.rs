@@ -13,7 +13,7 @@ use crate::map::SurfaceMap;
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
-use crate::scan_matcher::{MatchResult, MatcherConfig, PoseBelief, SurfaceScan, locate};
+use crate::scan_matcher::{MatchResult, MatcherConfig, OdometryVerdict, PoseBelief, SurfaceScan, locate};
 use crate::sensors::StampedPose;
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -135,7 +135,7 @@ impl RaoBlackwellizedFilter {
             inlier_share: fit.map_or(1.0, |fit| fit.result.inlier_share),
             score: fit.map_or(0.0, |fit| fit.result.score),
             resampled,
-            odometry_rejected: fit.is_some_and(|fit| fit.odometry_rejected),
+            odometry_rejected: fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed),
         }
     }
 
@@ -214,14 +214,14 @@ struct Fit {
     result: MatchResult,
     /// The odometry's belief before the scan.
     prior: PoseBelief,
-    odometry_rejected: bool,
+    odometry: OdometryVerdict,
 }
 
 impl Fit {
     /// How uncertain the pose is. Where scan and odometry disagreed, or little of the scan lay on
     /// the map, the optimum may be a wrong one, and its curvature says nothing.
     fn covariance(&self) -> Matrix3<f64> {
-        let doubtful = self.odometry_rejected || self.result.inlier_share < DOUBTFUL_INLIER_SHARE;
+        let doubtful = self.odometry == OdometryVerdict::Abandoned || self.result.inlier_share < DOUBTFUL_INLIER_SHARE;
         let blunder = if doubtful {
             Matrix3::from_diagonal(
                 &[BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_RAD.powi(2)].into(),
@@ -239,8 +239,11 @@ impl Fit {
             self.result.belief.pose.y - self.prior.pose.y,
             crate::geometry::wrap_angle(self.result.belief.pose.theta - self.prior.pose.theta),
         );
-        let misfit =
-            if self.odometry_rejected { 0.0 } else { (offset.transpose() * self.prior.information * offset).x };
+        let misfit = if self.odometry == OdometryVerdict::Abandoned {
+            0.0
+        } else {
+            (offset.transpose() * self.prior.information * offset).x
+        };
         let volume = self.prior.information.determinant() / self.result.belief.information.determinant().max(1e-300);
         points * self.result.score - 0.5 * misfit + 0.5 * volume.max(1e-300).ln()
     }
@@ -262,10 +265,10 @@ impl Particle {
             (self.pose, self.last_motion) = (prior.pose, step);
             return None;
         }
-        let (result, odometry_rejected) = locate(&self.map, scan, &prior, matcher);
+        let (result, odometry) = locate(&self.map, scan, &prior, matcher);
         self.last_motion = self.pose.between(&result.belief.pose);
         self.pose = result.belief.pose;
-        Some(Fit { result, prior, odometry_rejected })
+        Some(Fit { result, prior, odometry })
     }
 
     /// Whether the robot moved far enough since the last scan that went into the map.

@@ -20,14 +20,34 @@ const CLEARLY_BETTER: f64 = 0.2;
 /// After a search the odometry is believed this much less (as a factor on its information).
 const DISTRUST: f64 = 0.01;
 
-/// Fits `scan` to `map`. The second value tells whether the scan contradicted the odometry, and won.
+/// What a scan says of the odometry that predicted its pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OdometryVerdict {
+    /// They agree.
+    Confirmed,
+    /// The scan fits near the prediction, but farther from it than the odometry's noise explains.
+    Contradicted,
+    /// The scan fits somewhere else altogether.
+    Abandoned,
+}
+
+/// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins.
 #[must_use]
-pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> (MatchResult, bool) {
+pub fn locate(
+    map: &SurfaceMap,
+    scan: &SurfaceScan,
+    prior: &PoseBelief,
+    config: &MatcherConfig,
+) -> (MatchResult, OdometryVerdict) {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
     let predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
-    let contradicted = prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas;
+    let verdict = if prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas {
+        OdometryVerdict::Contradicted
+    } else {
+        OdometryVerdict::Confirmed
+    };
     if predicted.inlier_share >= config.search_below_inlier_share || scan.len() < POINTS_TO_SEARCH {
-        return (predicted, contradicted);
+        return (predicted, verdict);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
     let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: PI };
@@ -44,5 +64,9 @@ pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: 
             break;
         }
     }
-    if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER { (best, true) } else { (predicted, contradicted) }
+    if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER {
+        (best, OdometryVerdict::Abandoned)
+    } else {
+        (predicted, verdict)
+    }
 }

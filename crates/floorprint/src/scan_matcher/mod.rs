@@ -13,5 +13,5 @@ mod tests;
 pub use config::MatcherConfig;
 pub use correlative::{SearchWindow, search};
 pub use gauss_newton::{MatchResult, PoseBelief, match_scan};
-pub use locate::locate;
+pub use locate::{OdometryVerdict, locate};
 pub use surface_scan::SurfaceScan;

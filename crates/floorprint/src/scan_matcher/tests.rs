@@ -1,5 +1,6 @@
 //! Scans of known walls are matched and found.
 
+use super::OdometryVerdict;
 use super::synthetic::Walls;
 use super::{MatcherConfig, PoseBelief, SurfaceScan, locate, match_scan};
 use crate::frame::BodyScan;
@@ -108,8 +109,8 @@ fn without_anything_to_match_the_odometry_stands() {
         (SurfaceMap::new(config.cell_m), scan(&Walls::room(), &Pose2::IDENTITY)),
         (SurfaceMap::new(config.cell_m), nothing),
     ] {
-        let (found, rejected) = locate(&map, &scan, &prior, &config);
-        assert!(!rejected && found.inlier_share == 0.0);
+        let (found, verdict) = locate(&map, &scan, &prior, &config);
+        assert!(verdict == OdometryVerdict::Confirmed && found.inlier_share == 0.0);
         assert_eq!(found.belief, prior);
     }
 }
@@ -119,9 +120,9 @@ fn a_handful_of_points_does_not_overrule_the_odometry() {
     let mut few = BodyScan::default();
     (0..5).for_each(|k| few.hits.push(1.0, 0.05 * k as f32));
     let prior = belief(Pose2::new(0.0, 0.0, 0.0), 0.05, 0.05);
-    let (found, rejected) =
+    let (found, verdict) =
         locate(&room_map(), &SurfaceScan::new(&few, &MatcherConfig::default()), &prior, &MatcherConfig::default());
-    assert!(!rejected && prior.pose.between(&found.belief.pose).distance() < 0.05);
+    assert!(verdict == OdometryVerdict::Confirmed && prior.pose.between(&found.belief.pose).distance() < 0.05);
 }
 
 #[test]
