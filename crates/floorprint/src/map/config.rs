@@ -38,8 +38,8 @@ impl Default for MapConfig {
             pass_log_odds: log_gamma,
             limit_log_odds: 100.0,
             grazing_clearance_cells: 1.0,
-            redraw_distance_m: 0.05,
-            redraw_angle_rad: 0.03,
+            redraw_distance_m: 0.1,
+            redraw_angle_rad: 0.05,
         }
     }
 }
