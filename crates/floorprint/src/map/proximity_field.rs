@@ -63,9 +63,8 @@ impl ProximityField {
                 let Some(levels) = self.levels.get_mut(start..).and_then(|rest| rest.first_chunk_mut::<LANES>()) else {
                     continue;
                 };
-                for (level, &near) in levels.iter_mut().zip(&stamp[row]) {
-                    *level = near.max(*level);
-                }
+                let near = &stamp[row];
+                *levels = std::array::from_fn(|lane| levels[lane].max(near[lane]));
             }
         }
     }

@@ -7,7 +7,7 @@
 
 use super::cell::Cell;
 use super::near_cells::{NearCells, REACH_CELLS};
-use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
+use super::tile_grid::{TILE_BITS, TILE_CELLS, TileGrid, cell_in_tile, index_in_tile, tile_of};
 use crate::geometry::Pose2;
 use crate::scan_matcher::SurfaceScan;
 
@@ -273,10 +273,6 @@ fn direction_and_length([x, y]: [f32; 2]) -> ([f32; 2], f32) {
 #[must_use]
 pub fn proximity_of([columns, rows]: [i32; 2]) -> f32 {
     (1.0 - (columns * columns + rows * rows) as f32 / (REACH_CELLS * REACH_CELLS + 1) as f32).max(0.0)
-}
-
-fn cell_in_tile(tile: Cell, index: usize) -> Cell {
-    Cell { x: (tile.x << TILE_BITS) + index as i32 % TILE_SIDE, y: (tile.y << TILE_BITS) + index as i32 / TILE_SIDE }
 }
 
 /// How far a scan saw in each direction.
