@@ -1,5 +1,7 @@
 //! Decimal numbers from bytes, fast for the short ones that sensor logs are made of.
 
+use std::fmt::Write;
+
 /// Powers of ten that a double holds exactly.
 const POWERS_OF_TEN: [f64; 16] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
 
@@ -38,6 +40,39 @@ pub(crate) fn parse_f64(token: &[u8]) -> Option<f64> {
     Some(if negative { -value } else { value })
 }
 
+/// Appends `value` with `decimals` digits behind the point, as `{:.decimals$}` does but for values half-way
+/// between two last digits, and many times as fast.
+pub(crate) fn push_fixed(text: &mut String, value: f64, decimals: usize) {
+    let scaled = POWERS_OF_TEN.get(decimals).map_or(f64::INFINITY, |power| (value * power).round());
+    // Up to here every whole number is a double.
+    if scaled.is_nan() || scaled.abs() >= 9e15 {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{value:.decimals$}");
+        return;
+    }
+    if scaled.is_sign_negative() {
+        text.push('-');
+    }
+    let mut rest = scaled.abs() as u64;
+    let mut digits = [b'0'; 32];
+    let mut first = digits.len();
+    while rest > 0 || digits.len() - first <= decimals {
+        first -= 1;
+        digits[first] = b'0' + (rest % 10) as u8;
+        rest /= 10;
+    }
+    let (whole, fraction) = digits[first..].split_at(digits.len() - first - decimals);
+    text.extend(whole.iter().map(|&digit| char::from(digit)));
+    if decimals > 0 {
+        text.push('.');
+        text.extend(fraction.iter().map(|&digit| char::from(digit)));
+    }
+}
+
+fn is_separator(byte: u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b',' | b'\r')
+}
+
 /// The tokens of a line, separated by spaces, tabs or commas.
 #[derive(Clone)]
 pub(crate) struct Tokens<'a> {
@@ -50,9 +85,36 @@ impl<'a> Tokens<'a> {
         Self { rest: line }
     }
 
+    /// The next token as a number: what [`parse_f64`] makes of it, in one go where it is plain.
+    pub(crate) fn number(&mut self) -> Option<f64> {
+        let start = self.rest.iter().position(|byte| !is_separator(*byte))?;
+        let rest = &self.rest[start..];
+        let (mut mantissa, mut digits, mut decimals, mut length) = (0_u64, 0, 0, 0);
+        let mut behind_point = 0;
+        for &byte in rest {
+            let digit = byte.wrapping_sub(b'0');
+            if digit < 10 {
+                mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(digit));
+                digits += 1;
+                decimals += behind_point;
+            } else if byte == b'.' && behind_point == 0 {
+                behind_point = 1;
+            } else {
+                break;
+            }
+            length += 1;
+        }
+        let is_plain = (1..=EXACT_DIGITS).contains(&digits) && rest.get(length).is_none_or(|&byte| is_separator(byte));
+        if !is_plain {
+            return parse_f64(self.next()?);
+        }
+        self.rest = &rest[length..];
+        Some(mantissa as f64 / POWERS_OF_TEN[decimals])
+    }
+
     /// The next token as a finite number.
     pub(crate) fn finite(&mut self) -> Option<f64> {
-        parse_f64(self.next()?).filter(|value| value.is_finite())
+        self.number().filter(|value| value.is_finite())
     }
 
     /// The next token as a count.
@@ -70,10 +132,9 @@ impl<'a> Iterator for Tokens<'a> {
     type Item = &'a [u8];
 
     fn next(&mut self) -> Option<&'a [u8]> {
-        let separator = |byte: &u8| matches!(byte, b' ' | b'\t' | b',' | b'\r');
-        let start = self.rest.iter().position(|byte| !separator(byte))?;
+        let start = self.rest.iter().position(|byte| !is_separator(*byte))?;
         let rest = &self.rest[start..];
-        let end = rest.iter().position(separator).unwrap_or(rest.len());
+        let end = rest.iter().position(|byte| is_separator(*byte)).unwrap_or(rest.len());
         let (token, rest) = rest.split_at(end);
         self.rest = rest;
         Some(token)
@@ -102,6 +163,26 @@ mod tests {
         #[test]
         fn numbers_are_the_standard_librarys(text in r"-?[0-9]{0,20}\.?[0-9]{0,20}(e-?[0-9]{1,2})?") {
             prop_assert_eq!(parse_f64(text.as_bytes()), text.parse::<f64>().ok());
+        }
+
+        #[test]
+        fn the_next_number_is_the_next_token_s(text in r"[ ,]{0,2}(-?[0-9]{0,18}\.?[0-9]{0,4}(e-?[0-9])?[ ,x]){1,4}") {
+            let (mut numbers, mut tokens) = (Tokens::new(text.as_bytes()), Tokens::new(text.as_bytes()));
+            while let Some(token) = tokens.next() {
+                prop_assert_eq!(numbers.number(), parse_f64(token));
+            }
+            prop_assert_eq!(numbers.number(), None);
+        }
+
+        #[test]
+        fn fixed_decimals_are_the_standard_librarys(value in prop_oneof![-1e3..1e3_f64, -2e9..2e9_f64, any::<f64>()], decimals in 0..10_usize) {
+            let mut text = String::new();
+            push_fixed(&mut text, value, decimals);
+            // A double times a power of ten is rounded: half-way values may go either way.
+            let truth = format!("{value:.decimals$}");
+            let off = (text.parse::<f64>().unwrap() - truth.parse::<f64>().unwrap()).abs();
+            prop_assert!(text == truth || off < 1.5 * 0.1_f64.powi(decimals as i32), "{} is not {}", text, truth);
+            prop_assert_eq!(text.split_once('.').map_or(0, |(_, fraction)| fraction.len()), if value.is_finite() { decimals } else { 0 });
         }
 
         #[test]

@@ -1,11 +1,10 @@
 //! Trajectories in the TUM format: lines of `stamp x y z qx qy qz qw`.
 
 use crate::error::{Problem, ReadError, WriteError};
-use crate::number::Tokens;
+use crate::number::{Tokens, push_fixed};
 use crate::replace::write_file;
 use floorprint::geometry::Pose2;
 use floorprint::sensors::StampedPose;
-use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
@@ -22,8 +21,11 @@ fn format_trajectory(trajectory: &[StampedPose]) -> String {
     let mut text = String::with_capacity(trajectory.len() * 80);
     for StampedPose { stamp_s, pose } in trajectory {
         let (qz, qw) = (pose.theta / 2.0).sin_cos();
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{stamp_s:.6} {:.6} {:.6} 0 0 0 {qz:.9} {qw:.9}", pose.x, pose.y);
+        let columns = [(*stamp_s, 6, " "), (pose.x, 6, " "), (pose.y, 6, " 0 0 0 "), (qz, 9, " "), (qw, 9, "\n")];
+        for (value, decimals, behind) in columns {
+            push_fixed(&mut text, value, decimals);
+            text.push_str(behind);
+        }
     }
     text
 }

@@ -263,7 +263,7 @@ fn parse_ranges(tokens: &mut Tokens) -> Option<Vec<f32>> {
     let count = tokens.count().filter(|&count| count <= MOST_RAYS)?;
     let mut ranges_m = Vec::with_capacity(count);
     for _ in 0..count {
-        ranges_m.push(parse_f64(tokens.next()?)? as f32);
+        ranges_m.push(tokens.number()? as f32);
     }
     Some(ranges_m)
 }

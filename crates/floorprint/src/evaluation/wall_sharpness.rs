@@ -37,14 +37,16 @@ impl WallSharpness {
     /// Measures a map; `None` when it has no wall.
     #[must_use]
     pub fn of(map: &Raster<Occupancy>) -> Option<Self> {
-        let normals = map.map(|index, _| normal_at(map, index));
-        let walls = || normals.cells.iter().enumerate().filter_map(|(index, normal)| Some((index, (*normal)?)));
-        let wall_cells = walls().count();
+        let occupied = (0..map.cells.len()).filter(|&index| map.cells[index] == Occupancy::Occupied);
+        // In the order of the cells.
+        let walls: Vec<(usize, [f64; 2])> =
+            occupied.filter_map(|index| Some((index, normal_at(map, index)?))).collect();
+        let wall_cells = walls.len();
         if wall_cells == 0 {
             return None;
         }
-        let doubled = walls().filter(|(index, normal)| is_doubled(map, &normals, *index, *normal)).count();
-        let thickness_cells: f64 = walls().map(|(index, normal)| thickness_cells(map, index, normal)).sum();
+        let doubled = walls.iter().filter(|(index, normal)| is_doubled(map, &walls, *index, *normal)).count();
+        let thickness_cells: f64 = walls.iter().map(|&(index, normal)| thickness_cells(map, index, normal)).sum();
         Some(Self {
             wall_cells,
             doubled_share: doubled as f64 / wall_cells as f64,
@@ -56,48 +58,54 @@ impl WallSharpness {
 /// The unit normal (columns right, rows down) of the wall through an occupied cell:
 /// the axis of the least spread of the occupied cells connected to it nearby.
 fn normal_at(map: &Raster<Occupancy>, index: usize) -> Option<[f64; 2]> {
-    if map.cells[index] != Occupancy::Occupied {
-        return None;
+    let (mut count, mut sum_x, mut sum_y, mut sum_xx, mut sum_xy, mut sum_yy) = (0, 0, 0, 0, 0, 0);
+    for (y, mut row) in (-NEIGHBOURHOOD_CELLS..).zip(connected_nearby(map, index)) {
+        while row != 0 {
+            let x = i64::from(row.trailing_zeros()) - NEIGHBOURHOOD_CELLS;
+            count += 1;
+            (sum_x, sum_y) = (sum_x + x, sum_y + y);
+            (sum_xx, sum_xy, sum_yy) = (sum_xx + x * x, sum_xy + x * y, sum_yy + y * y);
+            row &= row - 1;
+        }
     }
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    let neighbours = connected_nearby(map, index);
-    let count = neighbours.len() as f64;
-    let [mean_x, mean_y] = neighbours.iter().fold([0.0, 0.0], |[x, y], n| [x + n[0] / count, y + n[1] / count]);
-    for [x, y] in neighbours {
-        xx += (x - mean_x).powi(2);
-        xy += (x - mean_x) * (y - mean_y);
-        yy += (y - mean_y).powi(2);
-    }
+    // The sums' spread about their mean, times the count: whole numbers all along.
+    let spread = |square: i64, a: i64, b: i64| (count * square - a * b) as f64;
+    let (xx, xy, yy) = (spread(sum_xx, sum_x, sum_x), spread(sum_xy, sum_x, sum_y), spread(sum_yy, sum_y, sum_y));
     let (half_sum, half_difference) = ((xx + yy) / 2.0, (xx - yy) / 2.0);
     let radius = half_difference.hypot(xy);
-    let is_line = count >= 3.0 && half_sum - radius < MAX_SPREAD_RATIO * (half_sum + radius);
+    let is_line = count >= 3 && half_sum - radius < MAX_SPREAD_RATIO * (half_sum + radius);
     let along = 0.5 * xy.atan2(half_difference);
     is_line.then(|| [-along.sin(), along.cos()])
 }
 
-/// Offsets (columns right, rows down) of the occupied cells that are reached from a cell
-/// over occupied cells without leaving its neighbourhood: a double's line stays apart.
-fn connected_nearby(map: &Raster<Occupancy>, index: usize) -> Vec<[f64; 2]> {
-    const SIDE: i64 = 2 * NEIGHBOURHOOD_CELLS + 1;
+/// Rows of the neighbourhood of a cell.
+const SIDE: usize = 2 * NEIGHBOURHOOD_CELLS as usize + 1;
+
+/// The occupied cells that are reached from a cell over occupied cells without leaving its neighbourhood, a bit
+/// each, row by row: a double's line stays apart.
+fn connected_nearby(map: &Raster<Occupancy>, index: usize) -> [u32; SIDE] {
     let (row, column) = map.row_and_column(index);
-    let mut visited = [false; (SIDE * SIDE) as usize];
-    visited[visited.len() / 2] = true;
-    let mut open = vec![(0_i64, 0_i64)];
-    let mut reached = Vec::new();
-    while let Some((down, right)) = open.pop() {
-        reached.push([right as f64, down as f64]);
-        for (d, r) in (down - 1..=down + 1).flat_map(|d| (right - 1..=right + 1).map(move |r| (d, r))) {
-            if d.abs().max(r.abs()) > NEIGHBOURHOOD_CELLS {
-                continue;
-            }
-            let slot = &mut visited[((d + NEIGHBOURHOOD_CELLS) * SIDE + r + NEIGHBOURHOOD_CELLS) as usize];
-            let is_occupied = map.index(row + d, column + r).is_some_and(|i| map.cells[i] == Occupancy::Occupied);
-            if is_occupied && !std::mem::replace(slot, true) {
-                open.push((d, r));
-            }
+    let mut occupied = [0; SIDE];
+    for (down, bits) in (-NEIGHBOURHOOD_CELLS..).zip(&mut occupied) {
+        for (bit, right) in (-NEIGHBOURHOOD_CELLS..=NEIGHBOURHOOD_CELLS).enumerate() {
+            let is_occupied =
+                map.index(row + down, column + right).is_some_and(|i| map.cells[i] == Occupancy::Occupied);
+            *bits |= u32::from(is_occupied) << bit;
         }
     }
-    reached
+    let mut reached = [0; SIDE];
+    reached[SIDE / 2] = 1 << (SIDE / 2);
+    loop {
+        let mut grown = reached;
+        for (row, bits) in grown.iter_mut().enumerate() {
+            let near = reached[row.saturating_sub(1)] | reached[row] | reached[(row + 1).min(SIDE - 1)];
+            *bits |= (near | near << 1 | near >> 1) & occupied[row];
+        }
+        if grown == reached {
+            return reached;
+        }
+        reached = grown;
+    }
 }
 
 /// The cells met from a cell along a direction, one a cell's length apart, without the cell itself.
@@ -111,7 +119,7 @@ fn along(map: &Raster<Occupancy>, index: usize, direction: [f64; 2]) -> impl Ite
     })
 }
 
-fn is_doubled(map: &Raster<Occupancy>, normals: &Raster<Option<[f64; 2]>>, index: usize, normal: [f64; 2]) -> bool {
+fn is_doubled(map: &Raster<Occupancy>, walls: &[(usize, [f64; 2])], index: usize, normal: [f64; 2]) -> bool {
     let step_m = map.resolution_m / normal[0].abs().max(normal[1].abs());
     let reach = (DOUBLE_WITHIN_M / step_m).floor() as usize;
     [normal, normal.map(|v| -v)].into_iter().any(|direction| {
@@ -124,7 +132,8 @@ fn is_doubled(map: &Raster<Occupancy>, normals: &Raster<Option<[f64; 2]>>, index
                 Occupancy::Occupied => {
                     let is_parallel =
                         |other: [f64; 2]| (other[0] * normal[0] + other[1] * normal[1]).abs() > PARALLEL_COSINE;
-                    return gap > 0 && normals.cells[cell].is_some_and(is_parallel);
+                    let other = walls.binary_search_by_key(&cell, |(index, _)| *index).ok();
+                    return gap > 0 && other.is_some_and(|other| is_parallel(walls[other].1));
                 }
             }
         }

@@ -1,16 +1,16 @@
 //! Whether two submaps show the same place, and how they then lie to each other.
 //!
 //! Within the region that the drift allows the newer submap is searched for on the older one by
-//! branch and bound; what is found is fitted finely, checked the other way round, and must not
-//! see through the other's walls. Several places apart from each other may pass: which of them
-//! is right is not decided here.
+//! branch and bound; what is found is fitted finely and checked both ways: of all that each shows
+//! of the region that the other had in view, most must be there. Several places apart from each
+//! other may pass: which of them is right is not decided here.
 
 use super::submap::{Submap, in_frame_of};
 use super::{LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::SurfaceMap;
 use crate::scan_matcher::{
-    MatchResult, MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, SurfaceScan, match_scan,
+    MatchResult, MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, SurfaceScan, inlier_share, match_scan,
 };
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
@@ -46,10 +46,10 @@ pub struct Placement {
     pub older_from_newer: Pose2,
     /// Covariance of that in the axes of the newer one, m² and rad².
     pub covariance: Matrix3<f64>,
-    /// Share of the newer one's surfaces that lie on the older one's, and the other way round.
+    /// Share of the newer one's surfaces that the older one had in view, and the other way round.
+    pub overlap_shares: [f64; 2],
+    /// Share of those that lie on surfaces of the other.
     pub inlier_shares: [f64; 2],
-    /// Share of the walls in view that each sees through where the other has them.
-    pub seen_through_shares: [f64; 2],
     /// What is wrong with it; [`Verdict::Accepted`] where nothing is.
     pub verdict: Verdict,
 }
@@ -79,6 +79,8 @@ pub struct Atlas {
 struct View {
     /// Surfaces of the submap and its neighbours, in its frame.
     map: SurfaceMap,
+    /// Those submaps, with their poses in its frame.
+    parts: Vec<(usize, Pose2)>,
     /// The same for searching; made when it is first needed.
     search: Option<PlaceSearch>,
     used: u64,
@@ -108,8 +110,8 @@ const SAME_FIT_RAD: f64 = 0.05;
 /// The two ways round must agree to this, metres and radians.
 const AGREEMENT_M: f64 = 0.2;
 const AGREEMENT_RAD: f64 = 0.05;
-/// A placement that sees through more than this share of the other's walls is wrong.
-const MAX_SEEN_THROUGH_SHARE: f64 = 0.25;
+/// Places of which each had less than this share of the other's surfaces in view have too little in common to judge.
+const MIN_OVERLAP_SHARE: f64 = 0.25;
 
 impl Atlas {
     /// Makes the view of a submap with its neighbours.
@@ -123,17 +125,18 @@ impl Atlas {
             let oldest = self.views.iter().min_by_key(|(_, view)| view.used).map(|(&index, _)| index);
             oldest.and_then(|oldest| self.views.remove(&oldest));
         }
-        let mut map = SurfaceMap::new(cell_m);
-        map.add_scan(&Pose2::IDENTITY, &submaps[index].surfaces);
+        let mut parts = vec![(index, Pose2::IDENTITY)];
         if let (Some(link), Some(before)) = (&submaps[index].link, index.checked_sub(1)) {
-            map.add_scan(&link.previous_from_submap.inverse(), &submaps[before].surfaces);
+            parts.push((before, link.previous_from_submap.inverse()));
         }
-        if let Some(after) = submaps.get(index + 1)
-            && let Some(link) = &after.link
-        {
-            map.add_scan(&link.previous_from_submap, &after.surfaces);
+        if let Some(link) = submaps.get(index + 1).and_then(|after| after.link) {
+            parts.push((index + 1, link.previous_from_submap));
         }
-        self.views.insert(index, View { map, search: None, used: self.clock });
+        let mut map = SurfaceMap::new(cell_m);
+        for (part, pose) in &parts {
+            map.add_scan(pose, &submaps[*part].surfaces);
+        }
+        self.views.insert(index, View { map, parts, search: None, used: self.clock });
     }
 
     /// Looks for the newer submap on the older one around where it is expected.
@@ -154,8 +157,9 @@ impl Atlas {
             None => Vec::new(),
         };
         if let (Some(old), Some(new)) = (self.views.get(&older), self.views.get(&newer)) {
+            let probes = [&submaps[older].probe, &submaps[newer].probe];
             for placement in &mut placements {
-                placement.verify([&old.map, &new.map], [&submaps[older], &submaps[newer]], config, matcher);
+                placement.verify([old, new], probes, submaps, config, matcher);
             }
         }
         if newer + 1 == submaps.len() {
@@ -212,6 +216,22 @@ impl View {
         }
         fits.iter().map(Placement::of).collect()
     }
+
+    /// What share of a probe at a pose lies in view, and what share of that on the map.
+    fn agreement(&self, probe: &SurfaceScan, pose: &Pose2, submaps: &[Submap], matcher: &MatcherConfig) -> (f64, f64) {
+        let to_parts: Vec<(&Submap, Pose2)> = self
+            .parts
+            .iter()
+            .map(|(part, view_from_part)| (&submaps[*part], view_from_part.inverse().compose(pose)))
+            .collect();
+        let in_view = probe.filtered(|point| {
+            to_parts.iter().any(|(part, part_from_probe)| {
+                part.had_in_view(part_from_probe.transform_point(point.map(f64::from)).map(|v| v as f32))
+            })
+        });
+        let overlap_share = in_view.len() as f64 / probe.len().max(1) as f64;
+        (overlap_share, inlier_share(&self.map, &in_view, pose, matcher))
+    }
 }
 
 impl Placement {
@@ -221,47 +241,43 @@ impl Placement {
         Self {
             older_from_newer: fit.belief.pose,
             covariance: in_frame_of(&covariance, &fit.belief.pose),
-            inlier_shares: [fit.inlier_share, 0.0],
-            seen_through_shares: [0.0; 2],
+            overlap_shares: [0.0; 2],
+            inlier_shares: [0.0; 2],
             verdict: Verdict::DoesNotFit,
         }
     }
 
-    /// Puts the placement to its tests. `maps` and `submaps`: the older's, the newer's.
+    /// Puts the placement to its tests. `views` and `probes`: the older's, the newer's.
     fn verify(
         &mut self,
-        maps: [&SurfaceMap; 2],
-        submaps: [&Submap; 2],
+        views: [&View; 2],
+        probes: [&SurfaceScan; 2],
+        submaps: &[Submap],
         config: &LoopClosureConfig,
         matcher: &MatcherConfig,
     ) {
-        if self.inlier_shares[0] < config.min_inlier_share {
-            return;
-        }
         let newer_from_older = self.older_from_newer.inverse();
-        let back = match_scan(
-            maps[1],
-            &submaps[0].probe,
-            &PoseBelief { pose: newer_from_older, information: Matrix3::zeros() },
-            matcher,
-        );
-        self.inlier_shares[1] = back.inlier_share;
-        let disagreement = self.older_from_newer.compose(&back.belief.pose);
-        if back.inlier_share < config.min_inlier_share
-            || disagreement.distance() > AGREEMENT_M
-            || wrap_angle(disagreement.theta).abs() > AGREEMENT_RAD
-        {
-            self.verdict = Verdict::DoesNotFitBack;
-            return;
-        }
-        self.seen_through_shares = [
-            maps[0].seen_through_share(&self.older_from_newer.compose(&submaps[1].middle), &submaps[1].middle_scan),
-            maps[1].seen_through_share(&newer_from_older.compose(&submaps[0].middle), &submaps[0].middle_scan),
-        ];
-        self.verdict = if self.seen_through_shares.iter().any(|share| *share > MAX_SEEN_THROUGH_SHARE) {
-            Verdict::SeesThroughWalls
+        (self.overlap_shares[0], self.inlier_shares[0]) =
+            views[0].agreement(probes[1], &self.older_from_newer, submaps, matcher);
+        self.verdict = if self.overlap_shares[0] < MIN_OVERLAP_SHARE {
+            Verdict::TooLittleInCommon
+        } else if self.inlier_shares[0] < config.min_inlier_share {
+            Verdict::DoesNotFit
         } else {
-            Verdict::Accepted
+            let belief = PoseBelief { pose: newer_from_older, information: Matrix3::zeros() };
+            let back = match_scan(&views[1].map, probes[0], &belief, matcher).belief.pose;
+            (self.overlap_shares[1], self.inlier_shares[1]) = views[1].agreement(probes[0], &back, submaps, matcher);
+            let disagreement = self.older_from_newer.compose(&back);
+            if self.overlap_shares[1] < MIN_OVERLAP_SHARE {
+                Verdict::TooLittleInCommon
+            } else if self.inlier_shares[1] < config.min_inlier_share
+                || disagreement.distance() > AGREEMENT_M
+                || wrap_angle(disagreement.theta).abs() > AGREEMENT_RAD
+            {
+                Verdict::DoesNotFitBack
+            } else {
+                Verdict::Accepted
+            }
         };
     }
 }

@@ -59,8 +59,8 @@ impl Default for LoopClosureConfig {
             drift_sigma_m: 0.01,
             drift_sigma_rad: 0.002,
             min_inlier_share: 0.6,
-            closure_sigma_m: 0.01,
-            closure_sigma_rad: 0.002,
+            closure_sigma_m: 0.015,
+            closure_sigma_rad: 0.003,
             refinements: 1,
         }
     }

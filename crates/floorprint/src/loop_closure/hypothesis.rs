@@ -39,10 +39,12 @@ pub struct Closure {
 /// The chain's factors cost no more than those this many standard deviations long: the front end is
 /// nearly always much better than that, and now and then much worse.
 const CHAIN_SCALE: f64 = 3.0;
+/// A closure that makes the graph cost this much more than it should is in conflict with something.
+const CONFLICT_COST: f64 = 5.0;
 /// Closures that fit the graph worse than this, squared standard deviations, contradict it.
-const CONFLICT: f64 = 25.0;
+const CONFLICT: f64 = 100.0;
 /// Closures are believed up to this, squared standard deviations.
-const CLOSURE_PHI: f64 = 9.0;
+const CLOSURE_PHI: f64 = 6.0;
 /// Closures that fit better than this change nothing worth a solution of the graph, squared standard deviations.
 const SETTLED: f64 = 0.5;
 /// The graph's drift times this is how far off a submap is looked for.
@@ -293,32 +295,40 @@ impl Hypothesis {
             worst = worst.max(self.graph.squared_error(factor));
             self.closures.push(Closure { factor, comparison, placement });
         }
-        if worst > CONFLICT {
-            self.resolve_conflict();
-        } else if worst > SETTLED {
+        // Half the degrees of freedom of each new closure are what it costs when all is well.
+        let well = cost_before + 1.5 * cluster.members.len() as f64;
+        if worst > SETTLED {
             // A graph that cannot be solved keeps its estimates: the chain alone always can.
             let _ = self.optimizer.optimize(&mut self.graph);
+            if self.graph.cost() - well > CONFLICT_COST {
+                self.resolve_conflict();
+            }
         }
         if self.closures[known..].iter().all(|closure| !self.is_in_force(closure)) {
             return None;
         }
         self.misses = 0;
         // The graph's cost is the negative log-likelihood of drift and closures.
-        self.log_weight += cluster.evidence() - (self.graph.cost() - cost_before).max(0.0);
+        if std::env::var("LCDEBUG").is_ok() { eprintln!("   with: members {} q {:.3} def {:.3} ev {:.2} dcost {:.2} worst {:.1}", cluster.members.len(), cluster.quality, cluster.deficit, cluster.evidence(), self.graph.cost() - cost_before, worst); }
+        self.log_weight += cluster.evidence() - (self.graph.cost() - well).max(0.0);
         Some(self)
     }
 
-    /// The account when the newest submap was not recognised: that counts against it where the
-    /// submap was surely expected on an old one.
+    /// The account when the newest submap was not recognised: that counts against it where much of
+    /// what the submap shows should have been there.
     fn without_recognition(mut self, newer: usize, comparisons: &[Comparison], doubts: &[Doubt]) -> Self {
-        let expected = comparisons.iter().filter(|comparison| {
+        let is_misfit = |comparison: &&Comparison| {
+            let offset = comparison.expected.between(&self.poses()[comparison.older].between(&self.poses()[newer]));
+            let near = &comparison.placements[0];
             doubts[comparison.older].sigma_m < SURE_M
-                && self.poses()[comparison.older].between(&self.poses()[newer]).distance() < NEAR_M
-        });
-        let best = expected.map(|comparison| comparison.placements[0].quality()).reduce(f64::max);
-        if let Some(quality) = best {
+                && offset.distance() < SURE_M
+                && near.overlap_shares[0] > SURE_OVERLAP_SHARE
+                && near.inlier_shares[0] < MISFIT_SHARE
+        };
+        let misfits = comparisons.iter().filter(is_misfit).count();
+        if misfits > 0 {
             self.misses = (self.misses + 1).min(MOST_MISSES);
-            self.log_weight += (EVIDENCE_PER_QUALITY * (quality - CHANCE_QUALITY)).clamp(-MISS_EVIDENCE, 0.0);
+            self.log_weight -= MISS_EVIDENCE;
         }
         self
     }
@@ -328,26 +338,28 @@ impl Hypothesis {
     /// those that the others contradict lose their say. Factors keep their kernels afterwards.
     fn resolve_conflict(&mut self) {
         let count = self.graph.between_factors().len();
-        let kernels: Vec<RobustKernel> = self.graph.between_factors().iter().map(|factor| factor.kernel).collect();
+        let mut loosened = self.graph.clone();
         for factor in 0..count {
-            self.graph.set_kernel(factor, RobustKernel::Quadratic);
+            loosened.set_kernel(factor, RobustKernel::Quadratic);
         }
         for stage in 0..GRADUATION_STAGES {
-            let loosened = 4.0_f64.powi(GRADUATION_STAGES - 1 - stage);
-            let kernel = RobustKernel::GemanMcClure { scale: (CONFLICT * loosened).sqrt() };
+            let scale = (CONFLICT * 4.0_f64.powi(GRADUATION_STAGES - 1 - stage)).sqrt();
+            let kernel = RobustKernel::GemanMcClure { scale };
             for factor in 0..count {
-                let weight = if stage == 0 { 1.0 } else { kernel.weight(self.graph.squared_error(factor)) };
-                self.graph.set_weight(factor, weight.max(1e-6));
+                let weight = if stage == 0 { 1.0 } else { kernel.weight(loosened.squared_error(factor)) };
+                loosened.set_weight(factor, weight.max(1e-6));
             }
-            let _ = self.optimizer.optimize(&mut self.graph);
+            let _ = self.optimizer.optimize(&mut loosened);
         }
-        for (factor, kernel) in kernels.into_iter().enumerate() {
-            self.graph.set_weight(factor, 1.0);
-            self.graph.set_kernel(factor, kernel);
+        let mut resolved = self.graph.clone();
+        resolved.poses_mut().copy_from_slice(loosened.poses());
+        let _ = self.optimizer.optimize(&mut resolved);
+        if resolved.cost() < self.graph.cost() {
+            self.graph = resolved;
         }
-        let _ = self.optimizer.optimize(&mut self.graph);
     }
 
+    pub fn debug(&self) -> String { format!("cost {:.1} misses {} last {:.2?}", self.graph.cost(), self.misses, self.poses().last().map(|p| (p.x, p.y, p.theta))) }
     /// Solves the graph to the end.
     pub fn settle(&mut self) {
         let _ = self.optimizer.optimize(&mut self.graph);
@@ -367,10 +379,11 @@ impl Hypothesis {
 const GRADUATION_STAGES: i32 = 8;
 /// An account is sure where a submap lies when it doubts it by less than this, metres …
 const SURE_M: f64 = 0.3;
-/// … and expects to recognise it when its start lies within this of an older one's, metres.
-const NEAR_M: f64 = 2.0;
-/// Not to be recognised counts at most this much.
-const MISS_EVIDENCE: f64 = 3.0;
+/// … and expects to recognise it where the older one had so much of it in view; less of it than the latter is a misfit.
+const SURE_OVERLAP_SHARE: f64 = 0.6;
+const MISFIT_SHARE: f64 = 0.4;
+/// What it counts not to be recognised.
+const MISS_EVIDENCE: f64 = 2.0;
 /// Accounts whose submaps all lie closer than this are one, metres and radians.
 const SAME_ACCOUNT_M: f64 = 0.15;
 const SAME_ACCOUNT_RAD: f64 = 0.02;

@@ -164,6 +164,7 @@ impl LoopCloser {
                 self.hypotheses.push(hypothesis);
             }
         }
+        if std::env::var("LCDEBUG").is_ok() { eprintln!("{}: {:?}", job.newer, self.hypotheses.iter().map(|h| (format!("{:.1}", h.log_weight), h.closures().len(), h.debug())).collect::<Vec<_>>()); }
         let heaviest = self.hypotheses[0].log_weight;
         for hypothesis in &mut self.hypotheses {
             hypothesis.log_weight -= heaviest;
@@ -232,7 +233,7 @@ impl LoopCloser {
                     correction_m: correction.distance(),
                     correction_rad: correction.theta,
                     inlier_shares: placement.inlier_shares,
-                    seen_through_shares: placement.seen_through_shares,
+                    overlap_shares: placement.overlap_shares,
                     placements: comparison.placements.iter().filter(|placement| placement.fits()).count(),
                     middle_from_middle: older.middle.inverse().compose(&placement.older_from_newer).compose(&newer.middle),
                     verdict,

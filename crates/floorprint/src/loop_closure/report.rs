@@ -18,10 +18,10 @@ pub struct ClosureReport {
     pub correction_m: f64,
     /// The same in heading, radians.
     pub correction_rad: f64,
-    /// Share of the newer one's surfaces that lie on the older one's, and the other way round.
+    /// Share of the newer one's surfaces that the older one had in view, and the other way round.
+    pub overlap_shares: [f64; 2],
+    /// Share of those that lie on surfaces of the other.
     pub inlier_shares: [f64; 2],
-    /// Share of the older one's walls in view through which the newer one saw, and the other way round.
-    pub seen_through_shares: [f64; 2],
     /// In how many places the newer one fits.
     pub placements: usize,
     /// Pose of the newer one's middle seen from the older one's middle.
@@ -36,12 +36,12 @@ pub struct ClosureReport {
 pub enum Verdict {
     /// Tied together.
     Accepted,
+    /// The two hardly had the same things in view.
+    TooLittleInCommon,
     /// Too little of the newer submap fits the older.
     DoesNotFit,
     /// The older submap does not fit the newer.
     DoesNotFitBack,
-    /// One of the two saw through the other's walls.
-    SeesThroughWalls,
     /// It fits, but so does another place, or the drive would have to be bent too much: more speaks for the newer one's lying elsewhere.
     Elsewhere,
     /// It was tied together, but later closures contradict it.
@@ -52,9 +52,9 @@ impl Verdict {
     /// Every verdict, in the order of the tests.
     pub const ALL: [Self; 6] = [
         Self::Accepted,
+        Self::TooLittleInCommon,
         Self::DoesNotFit,
         Self::DoesNotFitBack,
-        Self::SeesThroughWalls,
         Self::Elsewhere,
         Self::Contradicted,
     ];
@@ -64,9 +64,9 @@ impl Verdict {
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Accepted => "tied together",
+            Self::TooLittleInCommon => "the two places hardly had the same things in view",
             Self::DoesNotFit => "too little of the newer place lies on the older",
             Self::DoesNotFitBack => "the older place does not lie on the newer",
-            Self::SeesThroughWalls => "one of the two saw through the other's walls",
             Self::Elsewhere => "it fits, but more speaks for another place",
             Self::Contradicted => "tied together first, then contradicted by later closures",
         }

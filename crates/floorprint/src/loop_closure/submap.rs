@@ -2,7 +2,7 @@
 
 use super::KeyScan;
 use crate::geometry::Pose2;
-use crate::map::SurfaceMap;
+use crate::map::{Horizon, SurfaceMap};
 use crate::scan_matcher::SurfaceScan;
 use nalgebra::Matrix3;
 use std::sync::Arc;
@@ -29,8 +29,8 @@ pub struct Submap {
     pub surfaces: Arc<SurfaceScan>,
     /// A choice of them by which the submap is looked for and fitted.
     pub probe: SurfaceScan,
-    /// What the key scan half way saw, in its own frame.
-    pub middle_scan: Arc<SurfaceScan>,
+    /// What the first, the middle and the last key scan had in view, in the submap's frame.
+    pub horizons: [Horizon; 3],
 }
 
 /// The motion from the start of one submap to the start of the next.
@@ -132,10 +132,30 @@ impl SubmapBuilder {
             link: self.link,
             probe: surfaces.balanced(PROBE_POINTS),
             surfaces: Arc::new(surfaces),
-            middle_scan: Arc::clone(&half_way.scan),
+            horizons: [first, half_way, &key_scans[key_scans.len() - 1]].map(|scan| scan.horizon_from(&first.pose)),
         })
     }
 }
+
+impl Submap {
+    /// Whether a point of the submap's frame (metres) was in view.
+    #[must_use]
+    pub fn had_in_view(&self, point_m: [f32; 2]) -> bool {
+        self.horizons.iter().any(|horizon| horizon.reaches(point_m, VIEW_TOLERANCE_M))
+    }
+}
+
+impl KeyScan {
+    /// What it had in view, in the frame of a pose.
+    fn horizon_from(&self, pose: &Pose2) -> Horizon {
+        let there = pose.between(&self.pose);
+        let ends = self.scan.iter().map(|(point, _)| there.transform_point(point.map(f64::from)));
+        Horizon::new(there.transform_point(self.scan.origin_m), ends)
+    }
+}
+
+/// A surface on which rays end is in view although they end a little before it, metres.
+const VIEW_TOLERANCE_M: f32 = 0.2;
 
 /// A covariance over (x, y, θ) in the world's axes, turned into the axes of a pose.
 pub(super) fn in_frame_of(covariance: &Matrix3<f64>, pose: &Pose2) -> Matrix3<f64> {

@@ -3,8 +3,8 @@
 use super::MapConfig;
 use super::cell::Cell;
 use super::raster::{Occupancy, Raster};
-use super::ray::passed_cells;
-use super::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, index_in_tile, tile_of};
+use super::ray::TiledRay;
+use super::tile_grid::{TILE_CELLS, TILE_SIDE, TileGrid, cell_in_tile, index_in_tile, tile_of};
 use crate::frame::{BodyScan, Frame};
 use crate::geometry::Pose2;
 use crate::sensors::StampedPose;
@@ -63,7 +63,6 @@ impl OccupancyGrid {
     #[must_use]
     pub fn along(trajectory: &[StampedPose], frames: impl Iterator<Item = Frame>, config: &MapConfig) -> Self {
         let mut grid = Self::new(config);
-        let mut flips = Vec::new();
         let mut drawn: Option<Pose2> = None;
         for (stamped, frame) in trajectory.iter().zip(frames) {
             let moved = drawn.is_none_or(|last| {
@@ -71,8 +70,7 @@ impl OccupancyGrid {
                 step.distance() > config.redraw_distance_m || step.theta.abs() > config.redraw_angle_rad
             });
             if moved {
-                grid.add_scan(&stamped.pose, &frame.scan, &mut flips);
-                flips.clear();
+                grid.draw(&stamped.pose, &frame.scan, &mut |_| {});
                 drawn = Some(stamped.pose);
             }
         }
@@ -113,6 +111,11 @@ impl OccupancyGrid {
     /// the cells in which they end more occupied. Every cell that changes sides is
     /// appended to `flips`, in the order of the changes.
     pub fn add_scan(&mut self, world_from_body: &Pose2, scan: &BodyScan, flips: &mut Vec<Flip>) {
+        self.draw(world_from_body, scan, &mut |flip| flips.push(flip));
+    }
+
+    /// Writes a scan and hands every cell that changes sides to `flipped`.
+    fn draw(&mut self, world_from_body: &Pose2, scan: &BodyScan, flipped: &mut impl FnMut(Flip)) {
         let inverse_resolution = 1.0 / self.resolution_m;
         let (sin, cos) = world_from_body.theta.sin_cos();
         let cell_of = |[x, y]: [f32; 2]| {
@@ -128,47 +131,44 @@ impl OccupancyGrid {
             } else {
                 end
             };
-            self.pass_along(origin, passed_to, flips);
-            self.add(end, self.hit, flips);
+            self.pass_along(origin, passed_to, flipped);
+            self.add(end, self.hit, flipped);
         }
         for point in scan.free_ends.iter() {
-            self.pass_along(origin, cell_of(point), flips);
+            self.pass_along(origin, cell_of(point), flipped);
         }
     }
 
-    fn add(&mut self, cell: Cell, amount: i16, flips: &mut Vec<Flip>) {
+    fn add(&mut self, cell: Cell, amount: i16, flipped: &mut impl FnMut(Flip)) {
         let Some(tile) = self.tiles.tile_mut(tile_of(cell)) else { return };
         let value = &mut tile.0[index_in_tile(cell)];
         let before = *value;
         *value = before.saturating_add(amount).clamp(-self.limit, self.limit);
         if before <= 0 && *value > 0 {
-            flips.push(Flip { cell, occupied: true });
+            flipped(Flip { cell, occupied: true });
         }
     }
 
     /// Takes the pass's log-odds off the cells from `from` up to, not including, `to`.
-    fn pass_along(&mut self, from: Cell, to: Cell, flips: &mut Vec<Flip>) {
+    fn pass_along(&mut self, from: Cell, to: Cell, flipped: &mut impl FnMut(Flip)) {
         let (pass, limit) = (self.pass, self.limit);
-        let mut at = tile_of(from);
         // Between two cells that the grid holds it holds them all.
-        if !self.tiles.make_room(tile_of(to)) {
+        if !self.tiles.make_room(tile_of(from)) || !self.tiles.make_room(tile_of(to)) {
             return;
         }
-        let Some(mut tile) = self.tiles.tile_mut(at) else { return };
-        for cell in passed_cells(from, to) {
-            let here = tile_of(cell);
-            if here != at {
-                at = here;
-                // Each tile along the ray is looked up once.
-                let Some(next) = self.tiles.tile_mut(at) else { return };
-                tile = next;
-            }
-            let value = &mut tile.0[index_in_tile(cell)];
-            let before = *value;
-            *value = before.saturating_sub(pass).max(-limit);
-            if before > 0 && *value <= 0 {
-                flips.push(Flip { cell, occupied: false });
-            }
+        let mut ray = TiledRay::new(from, to);
+        while let Some(next) = ray.next_cell() {
+            let at = tile_of(next);
+            // Each tile along the ray is looked up once.
+            let Some(tile) = self.tiles.tile_mut(at) else { return };
+            ray.pass_tile(|index| {
+                let value = &mut tile.0[index];
+                let before = *value;
+                *value = before.saturating_sub(pass).max(-limit);
+                if before > 0 && *value <= 0 {
+                    flipped(Flip { cell: cell_in_tile(at, index), occupied: false });
+                }
+            });
         }
     }
 
@@ -178,18 +178,30 @@ impl OccupancyGrid {
     pub fn to_raster(&self) -> Option<Raster<Occupancy>> {
         let mut low = Cell { x: i32::MAX, y: i32::MAX };
         let mut high = Cell { x: i32::MIN, y: i32::MIN };
-        for (cell, _) in self.seen_cells() {
+        let mut widen = |cell: Cell| {
             low = Cell { x: low.x.min(cell.x), y: low.y.min(cell.y) };
             high = Cell { x: high.x.max(cell.x), y: high.y.max(cell.y) };
+        };
+        for (at, tile) in self.tiles.iter() {
+            for (row, values) in tile.0.chunks_exact(TILE_SIDE as usize).enumerate() {
+                let seen = |value: &i16| *value != 0;
+                let ends = values.iter().position(seen).zip(values.iter().rposition(seen));
+                for column in ends.iter().flat_map(|&(first, last)| [first, last]) {
+                    widen(cell_in_tile(at, row * TILE_SIDE as usize + column));
+                }
+            }
         }
         if low.x > high.x {
             return None;
         }
         let (width, height) = ((high.x - low.x + 1) as usize, (high.y - low.y + 1) as usize);
         let mut cells = vec![Occupancy::Unknown; width * height];
-        for (cell, log_odds) in self.seen_cells() {
-            let index = (high.y - cell.y) as usize * width + (cell.x - low.x) as usize;
-            cells[index] = if log_odds > 0.0 { Occupancy::Occupied } else { Occupancy::Free };
+        for (at, tile) in self.tiles.iter() {
+            for (index, &value) in tile.0.iter().enumerate().filter(|(_, value)| **value != 0) {
+                let cell = cell_in_tile(at, index);
+                let index = (high.y - cell.y) as usize * width + (cell.x - low.x) as usize;
+                cells[index] = if value > 0 { Occupancy::Occupied } else { Occupancy::Free };
+            }
         }
         let origin_m = [f64::from(low.x) * self.resolution_m, f64::from(low.y) * self.resolution_m];
         Some(Raster { width, height, resolution_m: self.resolution_m, origin_m, cells })
@@ -198,13 +210,8 @@ impl OccupancyGrid {
     /// Every cell that was seen, with its log-odds.
     pub fn seen_cells(&self) -> impl Iterator<Item = (Cell, f64)> {
         self.tiles.iter().flat_map(|(at, tile)| {
-            tile.0.iter().enumerate().filter(|(_, value)| **value != 0).map(move |(index, value)| {
-                let cell = Cell {
-                    x: (at.x << TILE_BITS) + index as i32 % TILE_SIDE,
-                    y: (at.y << TILE_BITS) + index as i32 / TILE_SIDE,
-                };
-                (cell, f64::from(*value) / STEPS_PER_UNIT)
-            })
+            let seen = tile.0.iter().enumerate().filter(|(_, value)| **value != 0);
+            seen.map(move |(index, value)| (cell_in_tile(at, index), f64::from(*value) / STEPS_PER_UNIT))
         })
     }
 }
@@ -218,10 +225,9 @@ fn short_of_grazed_surface(scan: &BodyScan, index: usize, clearance_m: f32) -> [
     let (xs, ys) = (&scan.hits.x_m, &scan.hits.y_m);
     let end = [xs[index], ys[index]];
     let ray = [end[0] - scan.origin_m[0] as f32, end[1] - scan.origin_m[1] as f32];
-    let range = ray[0].hypot(ray[1]);
+    let range = length(ray);
     // The surface runs towards the nearer neighbour in the scan, if that is on the same surface.
     let to = |other: usize| [xs[other] - end[0], ys[other] - end[1]];
-    let length = |[x, y]: [f32; 2]| x.hypot(y);
     let neighbours = [index.checked_sub(1), (index + 1 < xs.len()).then_some(index + 1)];
     let nearest = neighbours.into_iter().flatten().map(to).min_by(|a, b| length(*a).total_cmp(&length(*b)));
     let Some(along) = nearest.filter(|along| length(*along) > 0.0 && length(*along) < SAME_SURFACE_SHARE * range)
@@ -233,6 +239,10 @@ fn short_of_grazed_surface(scan: &BodyScan, index: usize, clearance_m: f32) -> [
     let left_out = (clearance_m * (1.0 / sine.max(1e-3) - 1.0)).min(0.5 * range);
     let share = 1.0 - left_out / range.max(f32::MIN_POSITIVE);
     [scan.origin_m[0] as f32 + share * ray[0], scan.origin_m[1] as f32 + share * ray[1]]
+}
+
+fn length([x, y]: [f32; 2]) -> f32 {
+    (x * x + y * y).sqrt()
 }
 
 /// Neighbouring ends of rays farther apart than this share of the range lie on different surfaces.

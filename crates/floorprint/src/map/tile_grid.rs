@@ -50,6 +50,13 @@ pub fn index_in_tile(cell: Cell) -> usize {
     (((cell.y & mask) << TILE_BITS) | (cell.x & mask)) as usize
 }
 
+/// The cell with this index within a tile, given the tile's coordinates.
+#[inline]
+#[must_use]
+pub fn cell_in_tile(tile: Cell, index: usize) -> Cell {
+    Cell { x: (tile.x << TILE_BITS) + index as i32 % TILE_SIDE, y: (tile.y << TILE_BITS) + index as i32 / TILE_SIDE }
+}
+
 impl<T> TileGrid<T> {
     /// The tile at these tile coordinates, if it was ever written.
     #[inline]

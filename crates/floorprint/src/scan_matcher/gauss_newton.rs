@@ -6,7 +6,7 @@
 
 use super::{MatcherConfig, SurfaceScan};
 use crate::geometry::{Pose2, wrap_angle};
-use crate::map::SurfaceMap;
+use crate::map::{Cell, SurfaceMap};
 use nalgebra::{Matrix3, Vector3};
 
 /// A Gaussian belief about a pose: the mean, and the information matrix over (x, y, θ) in the
@@ -89,6 +89,12 @@ pub fn match_scan_against(
     }
 }
 
+/// Share of a scan's points that lie on surfaces of a map at a pose.
+#[must_use]
+pub fn inlier_share(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: &MatcherConfig) -> f64 {
+    linearise(map, scan, pose, config.gate_sigmas, config).inliers / scan.len().max(1) as f64
+}
+
 /// The normal equations at a pose.
 #[derive(Debug, Clone, Copy, Default)]
 struct Linearisation {
@@ -98,6 +104,39 @@ struct Linearisation {
     log_likelihood: f64,
 }
 
+/// Points that are worked on side by side. Single precision is enough for sums of this kind: it errs by
+/// micrometres where points scatter by centimetres.
+const LANES: usize = 8;
+/// One number for each of them.
+type Lanes = [f32; LANES];
+
+/// Points of a scan with their normals, in the body's frame.
+struct Block {
+    x_m: Lanes,
+    y_m: Lanes,
+    normal_x: Lanes,
+    normal_y: Lanes,
+    /// How many of the lanes are in use.
+    count: usize,
+}
+
+/// What the points add up to, each lane by itself.
+#[derive(Default)]
+struct Sums {
+    xx: Lanes,
+    xy: Lanes,
+    xt: Lanes,
+    yy: Lanes,
+    yt: Lanes,
+    tt: Lanes,
+    gx: Lanes,
+    gy: Lanes,
+    gt: Lanes,
+    inliers: Lanes,
+    /// Beyond that of as many points on nothing known.
+    log_likelihood: Lanes,
+}
+
 fn linearise(
     map: &SurfaceMap,
     scan: &SurfaceScan,
@@ -105,70 +144,133 @@ fn linearise(
     gate_sigmas: f64,
     config: &MatcherConfig,
 ) -> Linearisation {
-    let (sin, cos) = pose.theta.sin_cos();
-    let flat_weight = 1.0 / (config.sigma_m * config.sigma_m);
-    let rough_weight = 1.0 / (config.rough_sigma_m * config.rough_sigma_m);
-    let inverse_gate = 1.0 / (gate_sigmas * gate_sigmas);
-    let (mut xx, mut xy, mut xt, mut yy, mut yt, mut tt) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    let (mut gx, mut gy, mut gt) = (0.0, 0.0, 0.0);
-    let (mut inliers, mut log_likelihood) = (0.0, 0.0);
-    for (point, normal) in scan.iter() {
-        let (px, py) = (f64::from(point[0]), f64::from(point[1]));
-        let (rx, ry) = (cos * px - sin * py, sin * px + cos * py);
-        let (wx, wy) = (pose.x + rx, pose.y + ry);
-        let Some(surface) = map.nearest([wx, wy]) else {
-            log_likelihood += OUTLIER_LOG_LIKELIHOOD;
-            continue;
-        };
-        let [nx, ny] = surface.normal.map(f64::from);
-        let flatness = f64::from(surface.flatness);
-        let (scan_nx, scan_ny) = (f64::from(normal[0]), f64::from(normal[1]));
-        // Both sides of a thin wall are surfaces; a point belongs to the one that faces the robot.
-        let facing = (cos * scan_nx - sin * scan_ny) * nx + (sin * scan_nx + cos * scan_ny) * ny;
-        if facing * flatness < -0.2 {
-            log_likelihood += OUTLIER_LOG_LIKELIHOOD;
-            continue;
-        }
-        let (dx, dy) = (wx - f64::from(surface.mean_m[0]), wy - f64::from(surface.mean_m[1]));
-        let across = nx * dx + ny * dy;
-        let along = -ny * dx + nx * dy;
-        let weight_along = (1.0 - flatness) * rough_weight;
-        let weight_across = flatness * flat_weight + weight_along;
-        let square = weight_across * across * across + weight_along * along * along;
-        let robust = 1.0 / (1.0 + square * inverse_gate);
-        // W = R diag(across, along) Rᵀ in world axes.
-        let wxx = robust * (weight_across * nx * nx + weight_along * ny * ny);
-        let wxy = robust * (weight_across - weight_along) * nx * ny;
-        let wyy = robust * (weight_across * ny * ny + weight_along * nx * nx);
-        let (ex, ey) = (wxx * dx + wxy * dy, wxy * dx + wyy * dy);
-        let (jx, jy) = (-ry, rx);
-        let (vx, vy) = (wxx * jx + wxy * jy, wxy * jx + wyy * jy);
-        xx += wxx;
-        xy += wxy;
-        yy += wyy;
-        xt += vx;
-        yt += vy;
-        tt += vx * jx + vy * jy;
-        gx += ex;
-        gy += ey;
-        gt += jx * ex + jy * ey;
-        if square < 9.0 {
-            inliers += 1.0;
-        }
-        log_likelihood += (-0.5 * square).max(OUTLIER_LOG_LIKELIHOOD);
+    let weights = Weights::new(gate_sigmas, config);
+    let mut sums = Sums::default();
+    for block in blocks(scan) {
+        sums.add(map, &block, pose, &weights);
     }
+    let total = |lanes: Lanes| lanes.iter().map(|&lane| f64::from(lane)).sum::<f64>();
+    let [xx, xy, xt, yy, yt, tt] = [sums.xx, sums.xy, sums.xt, sums.yy, sums.yt, sums.tt].map(total);
     // Neighbouring points err together: beyond a number of points more do not say more.
     let temper = (config.independent_points / (scan.len().max(1) as f64)).min(1.0);
     Linearisation {
         information: Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt) * temper,
-        gradient: Vector3::new(gx, gy, gt) * temper,
-        inliers,
-        log_likelihood,
+        gradient: Vector3::from([sums.gx, sums.gy, sums.gt].map(total)) * temper,
+        inliers: total(sums.inliers),
+        log_likelihood: total(sums.log_likelihood) + f64::from(OUTLIER_LOG_LIKELIHOOD) * scan.len() as f64,
     }
+}
+
+/// A scan's points, block by block.
+fn blocks(scan: &SurfaceScan) -> impl Iterator<Item = Block> {
+    let columns = [&scan.x_m, &scan.y_m, &scan.normal_x, &scan.normal_y].map(|column| column.as_chunks::<LANES>());
+    let [(x, last_x), (y, last_y), (nx, last_nx), (ny, last_ny)] = columns;
+    let whole = x.iter().zip(y).zip(nx).zip(ny);
+    let whole =
+        whole.map(|(((&x_m, &y_m), &normal_x), &normal_y)| Block { x_m, y_m, normal_x, normal_y, count: LANES });
+    let padded = |rest: &[f32]| -> Lanes { std::array::from_fn(|lane| rest.get(lane).copied().unwrap_or(0.0)) };
+    let last = (!last_x.is_empty()).then(|| Block {
+        x_m: padded(last_x),
+        y_m: padded(last_y),
+        normal_x: padded(last_nx),
+        normal_y: padded(last_ny),
+        count: last_x.len(),
+    });
+    whole.chain(last)
+}
+
+/// How much distances from a surface count.
+struct Weights {
+    /// Inverse variances, 1/m², across a flat surface and to one without direction.
+    flat: f32,
+    rough: f32,
+    /// 1/g², where g is the scale of the robust weights in standard deviations.
+    inverse_gate: f32,
+}
+
+impl Weights {
+    fn new(gate_sigmas: f64, config: &MatcherConfig) -> Self {
+        Self {
+            flat: config.sigma_m.powi(-2) as f32,
+            rough: config.rough_sigma_m.powi(-2) as f32,
+            inverse_gate: gate_sigmas.powi(-2) as f32,
+        }
+    }
+}
+
+impl Sums {
+    /// Adds what a block of points says at a pose.
+    #[inline]
+    fn add(&mut self, map: &SurfaceMap, block: &Block, pose: &Pose2, weights: &Weights) {
+        let (sin, cos) = pose.theta.sin_cos();
+        let (sin, cos) = (sin as f32, cos as f32);
+        let (pose_x, pose_y) = (pose.x as f32, pose.y as f32);
+        let inverse_resolution = map.inverse_resolution() as f32;
+        let zero: Lanes = [0.0; LANES];
+        let (mut rx, mut ry, mut cell_x, mut cell_y) = (zero, zero, [0; LANES], [0; LANES]);
+        for lane in 0..LANES {
+            rx[lane] = cos * block.x_m[lane] - sin * block.y_m[lane];
+            ry[lane] = sin * block.x_m[lane] + cos * block.y_m[lane];
+            cell_x[lane] = floor((pose_x + rx[lane]) * inverse_resolution);
+            cell_y[lane] = floor((pose_y + ry[lane]) * inverse_resolution);
+        }
+        let (mut mean_x, mut mean_y, mut nx, mut ny, mut flatness) = (zero, zero, zero, zero, zero);
+        let mut found = [false; LANES];
+        for lane in 0..block.count {
+            if let Some(surface) = map.nearest_to_cell(Cell { x: cell_x[lane], y: cell_y[lane] }) {
+                [mean_x[lane], mean_y[lane]] = surface.mean_m;
+                [nx[lane], ny[lane]] = surface.normal;
+                flatness[lane] = surface.flatness;
+                found[lane] = true;
+            }
+        }
+        for lane in 0..LANES {
+            let (rx, ry, nx, ny, flatness) = (rx[lane], ry[lane], nx[lane], ny[lane], flatness[lane]);
+            let (scan_nx, scan_ny) = (block.normal_x[lane], block.normal_y[lane]);
+            // Both sides of a thin wall are surfaces; a point belongs to the one that faces the robot.
+            let facing = (cos * scan_nx - sin * scan_ny) * nx + (sin * scan_nx + cos * scan_ny) * ny;
+            let used = if found[lane] && facing * flatness >= -0.2 { 1.0 } else { 0.0 };
+            let (dx, dy) = (pose_x + rx - mean_x[lane], pose_y + ry - mean_y[lane]);
+            let (across, along) = (nx * dx + ny * dy, nx * dy - ny * dx);
+            let weight_along = (1.0 - flatness) * weights.rough;
+            let weight_across = flatness * weights.flat + weight_along;
+            let square = weight_across * across * across + weight_along * along * along;
+            let robust = used / (1.0 + square * weights.inverse_gate);
+            // W = R diag(across, along) Rᵀ in world axes.
+            let wxx = robust * (weight_across * nx * nx + weight_along * ny * ny);
+            let wxy = robust * (weight_across - weight_along) * nx * ny;
+            let wyy = robust * (weight_across * ny * ny + weight_along * nx * nx);
+            let (ex, ey) = (wxx * dx + wxy * dy, wxy * dx + wyy * dy);
+            let (jx, jy) = (-ry, rx);
+            let (vx, vy) = (wxx * jx + wxy * jy, wxy * jx + wyy * jy);
+            self.xx[lane] += wxx;
+            self.xy[lane] += wxy;
+            self.yy[lane] += wyy;
+            self.xt[lane] += vx;
+            self.yt[lane] += vy;
+            self.tt[lane] += vx * jx + vy * jy;
+            self.gx[lane] += ex;
+            self.gy[lane] += ey;
+            self.gt[lane] += jx * ex + jy * ey;
+            self.inliers[lane] += if square < 9.0 { used } else { 0.0 };
+            let beyond = -0.5 * square - OUTLIER_LOG_LIKELIHOOD;
+            self.log_likelihood[lane] += if beyond > 0.0 { used * beyond } else { 0.0 };
+        }
+    }
+}
+
+/// The largest whole number that is not above `value`, for values up to four million: adding 1.5 · 2²³ leaves
+/// no room for fractions in a float's mantissa. Unlike a conversion that takes care of all values, this
+/// vectorises. At a whole number it may be one less, which is a neighbouring cell's border; values beyond
+/// give some number.
+#[inline]
+fn floor(value: f32) -> i32 {
+    const SHIFT: f32 = 12_582_912.0;
+    (value - 0.5 + SHIFT).to_bits().wrapping_sub(SHIFT.to_bits()) as i32
 }
 
 /// Steps smaller than these, metres and radians, are taken for the last ones of the approach.
 const NEAR_STEP_M: f64 = 0.01;
 const NEAR_STEP_RAD: f64 = 0.005;
 /// What a point that lies on nothing known adds to the log-likelihood.
-const OUTLIER_LOG_LIKELIHOOD: f64 = -4.5;
+const OUTLIER_LOG_LIKELIHOOD: f32 = -4.5;

@@ -20,8 +20,11 @@ const ROUGH: f32 = 0.3;
 pub struct SurfaceScan {
     /// Where the LiDAR is in the body's frame, metres.
     pub origin_m: [f64; 2],
-    points_m: Vec<[f32; 2]>,
-    normals: Vec<[f32; 2]>,
+    /// Points, metres, and their normals, stored by coordinate so that loops over them vectorise.
+    pub(super) x_m: Vec<f32>,
+    pub(super) y_m: Vec<f32>,
+    pub(super) normal_x: Vec<f32>,
+    pub(super) normal_y: Vec<f32>,
 }
 
 impl SurfaceScan {
@@ -38,11 +41,11 @@ impl SurfaceScan {
         let sums = RunningSums::new(xs, ys);
         let spacing = spacing_for(xs, ys, config);
         let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
-        let mut result = Self { origin_m: scan.origin_m, ..Self::default() };
+        let mut result = Self::with_capacity(scan.origin_m, count.min(config.max_points));
         let mut i = 0;
         while i < count {
             let (x, y) = (xs[i], ys[i]);
-            let range = (x - origin_x).hypot(y - origin_y);
+            let range = length(x - origin_x, y - origin_y);
             let reach =
                 NEIGHBOURHOOD_M.max(spacing).max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
             let within = |j: usize| {
@@ -58,15 +61,16 @@ impl SurfaceScan {
                 end += 1;
             }
             let towards = [origin_x - x, origin_y - y];
-            if end - begin >= 3 {
-                result.points_m.push([x, y]);
-                result.normals.push(sums.normal(begin, end, towards));
-            } else if let Some(normal) = normal_of_far_wall(xs, ys, i, range, &sums, towards) {
-                result.points_m.push([x, y]);
-                result.normals.push(normal);
+            let normal = if end - begin >= 3 {
+                Some(sums.normal(begin, end, towards))
+            } else {
+                normal_of_far_wall(xs, ys, i, range, &sums, towards)
+            };
+            if let Some(normal) = normal {
+                result.push([x, y], normal);
             }
-            let length = (xs[end - 1] - xs[begin]).hypot(ys[end - 1] - ys[begin]);
-            let step = (spacing * (end - begin - 1) as f32 / length.max(1e-3)).round() as usize;
+            let extent = length(xs[end - 1] - xs[begin], ys[end - 1] - ys[begin]);
+            let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as usize;
             i = (i + step.max(1)).min(end);
         }
         result
@@ -75,9 +79,21 @@ impl SurfaceScan {
     /// The surfaces of a map as if they had been seen from one place.
     #[must_use]
     pub fn from_surfaces<'a>(origin_m: [f64; 2], surfaces: impl Iterator<Item = &'a Surface>) -> Self {
-        let (points_m, normals) =
-            surfaces.map(|surface| (surface.mean_m, surface.normal.map(|n| n * surface.flatness))).unzip();
-        Self { origin_m, points_m, normals }
+        let mut result = Self::with_capacity(origin_m, 0);
+        surfaces.for_each(|surface| result.push(surface.mean_m, surface.normal.map(|n| n * surface.flatness)));
+        result
+    }
+
+    fn with_capacity(origin_m: [f64; 2], points: usize) -> Self {
+        let column = || Vec::with_capacity(points);
+        Self { origin_m, x_m: column(), y_m: column(), normal_x: column(), normal_y: column() }
+    }
+
+    fn push(&mut self, [x, y]: [f32; 2], [normal_x, normal_y]: [f32; 2]) {
+        self.x_m.push(x);
+        self.y_m.push(y);
+        self.normal_x.push(normal_x);
+        self.normal_y.push(normal_y);
     }
 
     /// At most about `most` of the points, chosen so that surfaces of all directions have their say
@@ -86,11 +102,11 @@ impl SurfaceScan {
     #[must_use]
     pub fn balanced(&self, most: usize) -> Self {
         let mut buckets: Vec<Vec<usize>> = vec![Vec::new(); DIRECTIONS + 1];
-        for (index, [x, y]) in self.normals.iter().enumerate() {
-            let direction = if x.hypot(*y) < ROUGH {
+        for (index, (_, [x, y])) in self.iter().enumerate() {
+            let direction = if length(x, y) < ROUGH {
                 DIRECTIONS
             } else {
-                let turns = f64::from(y.atan2(*x)) / std::f64::consts::TAU;
+                let turns = f64::from(y.atan2(x)) / std::f64::consts::TAU;
                 ((turns * DIRECTIONS as f64).round() as i64).rem_euclid(DIRECTIONS as i64) as usize
             };
             buckets[direction].push(index);
@@ -107,11 +123,19 @@ impl SurfaceScan {
             left = left.saturating_sub(quota);
         }
         chosen.sort_unstable();
-        Self {
-            origin_m: self.origin_m,
-            points_m: chosen.iter().map(|&index| self.points_m[index]).collect(),
-            normals: chosen.iter().map(|&index| self.normals[index]).collect(),
+        let mut result = Self::with_capacity(self.origin_m, chosen.len());
+        for index in chosen {
+            result.push([self.x_m[index], self.y_m[index]], [self.normal_x[index], self.normal_y[index]]);
         }
+        result
+    }
+
+    /// The points that are wanted, given their places (metres).
+    #[must_use]
+    pub fn filtered(&self, is_wanted: impl Fn([f32; 2]) -> bool) -> Self {
+        let mut result = Self::with_capacity(self.origin_m, self.len());
+        self.iter().filter(|(point, _)| is_wanted(*point)).for_each(|(point, normal)| result.push(point, normal));
+        result
     }
 
     /// The same points as seen from another frame, given that frame's pose in this one.
@@ -119,30 +143,30 @@ impl SurfaceScan {
     pub fn seen_from(&self, pose: &Pose2) -> Self {
         let inverse = pose.inverse();
         let (sin, cos) = (inverse.theta.sin() as f32, inverse.theta.cos() as f32);
-        let move_point = |point: &[f32; 2]| inverse.transform_point(point.map(f64::from)).map(|v| v as f32);
-        let turn = |[x, y]: &[f32; 2]| [cos * x - sin * y, sin * x + cos * y];
-        Self {
-            origin_m: inverse.transform_point(self.origin_m),
-            points_m: self.points_m.iter().map(move_point).collect(),
-            normals: self.normals.iter().map(turn).collect(),
+        let mut result = Self::with_capacity(inverse.transform_point(self.origin_m), self.len());
+        for (point, [nx, ny]) in self.iter() {
+            let moved = inverse.transform_point(point.map(f64::from)).map(|v| v as f32);
+            result.push(moved, [cos * nx - sin * ny, sin * nx + cos * ny]);
         }
+        result
     }
 
     /// Number of points.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.points_m.len()
+        self.x_m.len()
     }
 
     /// Whether there is no point.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.points_m.is_empty()
+        self.x_m.is_empty()
     }
 
     /// Each point (metres) with its normal, whose length says how flat the surface is (1 a wall, 0 no direction).
-    pub fn iter(&self) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
-        self.points_m.iter().copied().zip(self.normals.iter().copied())
+    pub fn iter<'a>(&'a self) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + 'a {
+        let pairs = |x: &'a [f32], y: &'a [f32]| x.iter().zip(y).map(|(&x, &y)| [x, y]);
+        pairs(&self.x_m, &self.y_m).zip(pairs(&self.normal_x, &self.normal_y))
     }
 }
 
@@ -150,7 +174,7 @@ impl SurfaceScan {
 /// scans that see so much surface that there would be too many.
 fn spacing_for(xs: &[f32], ys: &[f32], config: &MatcherConfig) -> f32 {
     let spacing_m = config.point_spacing_m as f32;
-    let steps = |i: usize| (xs[i] - xs[i - 1]).hypot(ys[i] - ys[i - 1]);
+    let steps = |i: usize| length(xs[i] - xs[i - 1], ys[i] - ys[i - 1]);
     // Steps longer than the spacing keep a point each, whatever their length.
     let surface_m: f32 = (1..xs.len()).map(steps).filter(|step| *step < spacing_m).sum();
     spacing_m.max(surface_m / config.max_points as f32)
@@ -169,7 +193,7 @@ fn normal_of_far_wall(
     towards: [f32; 2],
 ) -> Option<[f32; 2]> {
     let (begin, end) = (i.saturating_sub(WALL_RAYS), (i + WALL_RAYS + 1).min(xs.len()));
-    let step = |j: usize| (xs[j] - xs[j - 1]).hypot(ys[j] - ys[j - 1]);
+    let step = |j: usize| length(xs[j] - xs[j - 1], ys[j] - ys[j - 1]);
     let longest = (begin + 1..end).map(step).fold(0.0, f32::max);
     if end - begin < WALL_RAYS + 2 || longest > (WALL_STEP_PER_RANGE * range).min(WALL_STEP_M) {
         return None;
@@ -189,10 +213,16 @@ const WALL_THICKNESS_PER_RANGE: f64 = 0.001;
 
 /// Distance to the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
 fn spacing_between_beams(xs: &[f32], ys: &[f32], i: usize, range: f32) -> f32 {
-    let to = |j: usize| (xs[j] - xs[i]).hypot(ys[j] - ys[i]);
+    let to = |j: usize| length(xs[j] - xs[i], ys[j] - ys[i]);
     let before = if i > 0 { to(i - 1) } else { f32::INFINITY };
     let after = if i + 1 < xs.len() { to(i + 1) } else { f32::INFINITY };
     before.min(after).min(0.05 * range)
+}
+
+/// Length of a vector. `hypot`, which is exact for lengths near the limits of floats, is a slow function call.
+#[inline]
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt()
 }
 
 /// Sums over the first k points, so that the spread of any run of points costs one subtraction.
@@ -240,8 +270,15 @@ impl RunningSums {
         let root = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
         let (small, large) = ((half_trace - root).max(0.0), half_trace + root);
         let flatness = (1.0 - 4.0 * small / large.max(1e-12)).clamp(0.0, 1.0);
-        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
-        let (mut nx, mut ny) = ((-angle.sin()) as f32, angle.cos() as f32);
+        if root <= 0.0 {
+            return [0.0, 0.0];
+        }
+        // Cosine and sine of the line's angle from those of twice the angle.
+        let (cos_twice, sin_twice) = (0.5 * (xx - yy) / root, xy / root);
+        let larger = (0.5 * (1.0 + cos_twice.abs())).sqrt();
+        let smaller = 0.5 * sin_twice / larger;
+        let (cos, sin) = if cos_twice >= 0.0 { (larger, smaller) } else { (smaller, larger) };
+        let (mut nx, mut ny) = (-sin as f32, cos as f32);
         if nx * towards[0] + ny * towards[1] < 0.0 {
             (nx, ny) = (-nx, -ny);
         }
