@@ -309,7 +309,6 @@ impl Hypothesis {
         }
         self.misses = 0;
         // The graph's cost is the negative log-likelihood of drift and closures.
-        if std::env::var("LCDEBUG").is_ok() { eprintln!("   with: members {} q {:.3} def {:.3} ev {:.2} dcost {:.2} worst {:.1}", cluster.members.len(), cluster.quality, cluster.deficit, cluster.evidence(), self.graph.cost() - cost_before, worst); }
         self.log_weight += cluster.evidence() - (self.graph.cost() - well).max(0.0);
         Some(self)
     }
@@ -359,7 +358,6 @@ impl Hypothesis {
         }
     }
 
-    pub fn debug(&self) -> String { format!("cost {:.1} misses {} last {:.2?}", self.graph.cost(), self.misses, self.poses().last().map(|p| (p.x, p.y, p.theta))) }
     /// Solves the graph to the end.
     pub fn settle(&mut self) {
         let _ = self.optimizer.optimize(&mut self.graph);

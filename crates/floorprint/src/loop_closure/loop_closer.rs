@@ -164,7 +164,6 @@ impl LoopCloser {
                 self.hypotheses.push(hypothesis);
             }
         }
-        if std::env::var("LCDEBUG").is_ok() { eprintln!("{}: {:?}", job.newer, self.hypotheses.iter().map(|h| (format!("{:.1}", h.log_weight), h.closures().len(), h.debug())).collect::<Vec<_>>()); }
         let heaviest = self.hypotheses[0].log_weight;
         for hypothesis in &mut self.hypotheses {
             hypothesis.log_weight -= heaviest;
