@@ -3,8 +3,10 @@
 use super::camera::{color_pinhole, depth_pinhole};
 use super::floor_plan::FloorPlan;
 use super::{Fault, SimulatedDrive, SimulationConfig, WheelCounts, World, simulate};
+use crate::Config;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::Occupancy;
+use crate::odometry::Frames;
 use crate::sensors::{Record, RobotConfig, Scan};
 use nalgebra::Vector3;
 
@@ -46,6 +48,21 @@ fn records_are_in_order_and_the_stream_is_the_same() {
         if let (Record::Scan(a), Record::Scan(b)) = (stored, &streamed) {
             assert_eq!(a.ranges_m, b.ranges_m);
         }
+    }
+}
+
+/// Frames made of scans on demand are those made of records in memory.
+#[test]
+fn frames_on_demand_are_the_same() {
+    let drive = drive("loop", small(), 2);
+    let config = Config { robot: drive.config().robot.clone(), ..Config::default() };
+    let records = drive.records();
+    let (kept, made) = (Frames::new(&records, &config).unwrap(), Frames::of(&drive, &config).unwrap());
+    assert_eq!(kept.summary(), made.summary());
+    assert_eq!(kept.len(), made.len());
+    for (kept, made) in kept.iter().zip(made.iter()).step_by(50) {
+        assert_eq!((kept.stamp_s, kept.elapsed_s, kept.motion), (made.stamp_s, made.elapsed_s, made.motion));
+        assert_eq!(kept.scan.hits, made.scan.hits);
     }
 }
 
