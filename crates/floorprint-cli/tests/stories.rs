@@ -367,6 +367,35 @@ fn ctrl_c_keeps_what_was_computed_and_marks_it() {
 
 #[cfg(unix)]
 #[test]
+fn a_benchmark_that_is_stopped_gives_the_table_of_the_runs_so_far() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    use std::time::{Duration, Instant};
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bench");
+    let slow = ["bench", "--world", "long_loop", "--preset", "default", "--seeds", "1", "--out"];
+    let child = Command::new(env!("CARGO_BIN_EXE_floorprint"))
+        .args(slow)
+        .arg(&out)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let started = Instant::now();
+    while !out.join("bench.json").exists() {
+        assert!(started.elapsed() < Duration::from_secs(60), "the benchmark did not start");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    // Long enough for the first run to start, and far too short for its end.
+    std::thread::sleep(Duration::from_millis(500));
+    kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), Signal::SIGINT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    assert!(text(&output.stdout).contains("Stopped before its end"));
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 2, "bench.md and bench.json");
+}
+
+#[cfg(unix)]
+#[test]
 fn a_reader_that_has_seen_enough_is_no_failure() {
     use std::process::Stdio;
     let mut child = Command::new(env!("CARGO_BIN_EXE_floorprint"))

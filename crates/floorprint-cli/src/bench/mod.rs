@@ -33,7 +33,8 @@ use std::fs;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::time::Instant;
+use std::thread;
+use std::time::{Duration, Instant};
 
 /// Run presets over data sets and simulated worlds with several seeds; tell accuracy and cost.
 ///
@@ -186,7 +187,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let progress = terminal.progress("measuring", "runs", work.len());
     for (case, preset, seed) in work {
         let (name, preset) = (case.name(), preset.name());
-        let measured = arguments.measure(case, preset, seed);
+        let measured = arguments.measure(case, preset, seed, &interrupt);
         if interrupt.requested() {
             // What was interrupted is no measurement.
             benchmark.interrupted = true;
@@ -263,7 +264,7 @@ impl Arguments {
     }
 
     /// One run in a process of its own.
-    fn measure(&self, case: &Case, preset: &str, seed: u64) -> anyhow::Result<Run> {
+    fn measure(&self, case: &Case, preset: &str, seed: u64, interrupt: &Interrupt) -> anyhow::Result<Run> {
         let mut command = Command::new(env::current_exe()?);
         let out = self.out.join(format!("{}-{preset}-{seed}", case.name()));
         match case {
@@ -288,7 +289,7 @@ impl Arguments {
         for setting in &self.set {
             command.args(["--set", setting]);
         }
-        let finished = run_to_its_end(&mut command)?;
+        let finished = run_to_its_end(&mut command, interrupt)?;
         if !matches!(case, Case::DataSet(_)) {
             return Ok(serde_json::from_slice(&finished.stdout)?);
         }
@@ -320,12 +321,28 @@ struct Finished {
     wall_s: f64,
 }
 
-/// Runs a command to its end; fails with what it wrote to stderr when it fails.
-fn run_to_its_end(command: &mut Command) -> anyhow::Result<Finished> {
+/// Runs a command to its end; fails with what it wrote to stderr when it fails. A request to stop is
+/// handed on to it.
+fn run_to_its_end(command: &mut Command, interrupt: &Interrupt) -> anyhow::Result<Finished> {
     let before_s = children_cpu_time_s();
     let started = Instant::now();
-    let output = command.stdin(Stdio::null()).output()?;
-    let wall_s = started.elapsed().as_secs_f64();
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    // Ctrl-C would reach the process directly, too, and a second one ends it where it stands.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    let child = command.spawn()?;
+    let process = child.id();
+    let waiting = thread::spawn(move || (child.wait_with_output(), started.elapsed().as_secs_f64()));
+    let mut told = false;
+    while !waiting.is_finished() {
+        if interrupt.requested() && !told {
+            ask_to_stop(process);
+            told = true;
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+    let Ok((output, wall_s)) = waiting.join() else { bail!("waiting for a run failed") };
+    let output = output?;
     if !output.status.success() {
         let text = String::from_utf8_lossy(&output.stderr);
         let message = text.trim().trim_start_matches("error: ");
@@ -333,4 +350,19 @@ fn run_to_its_end(command: &mut Command) -> anyhow::Result<Finished> {
     }
     let cpu_s = children_cpu_time_s().zip(before_s).map(|(after_s, before_s)| after_s - before_s);
     Ok(Finished { stdout: output.stdout, cpu_s, wall_s })
+}
+
+/// Asks a process for an orderly end, where the system has a way to.
+fn ask_to_stop(process: u32) {
+    #[cfg(unix)]
+    {
+        use nix::sys::signal::{Signal, kill};
+        use nix::unistd::Pid;
+        if let Ok(process) = i32::try_from(process) {
+            // It may have ended by itself meanwhile.
+            let _ = kill(Pid::from_raw(process), Signal::SIGINT);
+        }
+    }
+    #[cfg(not(unix))]
+    let _ = process;
 }
