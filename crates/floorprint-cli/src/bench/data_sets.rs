@@ -1,7 +1,12 @@
 //! Finds data sets below folders and gives each a name of its own.
 
+use super::run::count_wrong;
 use crate::run_folder::data_set_name;
+use crate::truth::TruthFiles;
 use anyhow::{Context as _, bail};
+use floorprint::evaluation::StampIndex;
+use floorprint_io::read_trajectory;
+use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -12,6 +17,21 @@ pub(super) struct DataSet {
     pub(super) path: PathBuf,
     /// What it is called; no two have the same name.
     pub(super) name: String,
+}
+
+impl DataSet {
+    /// How many of a run's loop closures are off the true trajectory that lies beside the data; `None`
+    /// where there is none.
+    ///
+    /// # Errors
+    /// The true trajectory cannot be read.
+    pub(super) fn wrong_closures(&self, report: &Value) -> anyhow::Result<Option<usize>> {
+        let Some(path) = TruthFiles::beside(&self.path).trajectory else { return Ok(None) };
+        let poses = read_trajectory(&path)?;
+        let truth = StampIndex::new(&poses);
+        let candidates = report.pointer("/loops/candidates");
+        Ok(candidates.and_then(|found| count_wrong(found, |stamp_s| truth.interpolated(stamp_s, 1e-4, 0.5))))
+    }
 }
 
 /// The data sets at these paths or below them, in the order of their names.

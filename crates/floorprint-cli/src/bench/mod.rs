@@ -27,6 +27,7 @@ use machine::Machine;
 use run::Run;
 use schemars::JsonSchema;
 use serde::Serialize;
+use serde_json::Value;
 use simulated::Lidar;
 use std::env;
 use std::fs;
@@ -290,13 +291,17 @@ impl Arguments {
             command.args(["--set", setting]);
         }
         let finished = run_to_its_end(&mut command, interrupt)?;
-        if !matches!(case, Case::DataSet(_)) {
-            return Ok(serde_json::from_slice(&finished.stdout)?);
-        }
+        let Case::DataSet(data_set) = case else { return Ok(serde_json::from_slice(&finished.stdout)?) };
         let path = out.join("report.json");
         let text = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        // The report's own figures end where it is written.
-        Ok(Run { cpu_s: finished.cpu_s, wall_s: finished.wall_s, ..Run::from_report(&serde_json::from_slice(&text)?) })
+        let report: Value = serde_json::from_slice(&text)?;
+        Ok(Run {
+            wrong_closures: data_set.wrong_closures(&report)?,
+            // The report's own figures end where it is written.
+            cpu_s: finished.cpu_s,
+            wall_s: finished.wall_s,
+            ..Run::from_report(&report)
+        })
     }
 }
 

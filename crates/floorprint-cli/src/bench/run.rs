@@ -98,13 +98,14 @@ pub(super) fn accepted(candidates: &Value) -> impl Iterator<Item = &Value> {
     candidates.as_array().into_iter().flatten().filter(|candidate| candidate["verdict"] == "accepted")
 }
 
-/// How many accepted candidates are off the truth; `None` when they do not say where they put the newer place.
-pub(super) fn count_wrong(candidates: &Value, true_pose: impl Fn(f64) -> Pose2) -> Option<usize> {
+/// How many accepted candidates are off the truth; `None` when they do not say where they put the newer
+/// place, or the truth is not known there.
+pub(super) fn count_wrong(candidates: &Value, true_pose: impl Fn(f64) -> Option<Pose2>) -> Option<usize> {
     let is_wrong = |candidate: &Value| {
         let number = |value: &Value| value.as_f64();
         let pose = &candidate["middle_from_middle"];
         let found = Pose2::new(number(&pose["x"])?, number(&pose["y"])?, number(&pose["theta"])?);
-        let [older, newer] = [0, 1].map(|place| number(&candidate["stamps_s"][place]).map(&true_pose));
+        let [older, newer] = [0, 1].map(|place| number(&candidate["stamps_s"][place]).and_then(&true_pose));
         let off = older?.between(&newer?).between(&found);
         Some(off.distance() > WRONG_M || wrap_angle(off.theta).abs() > WRONG_RAD)
     };
@@ -125,7 +126,7 @@ mod tests {
             candidate(4.0, 0.1, "accepted"),
             candidate(9.0, 0.0, "does_not_fit"),
         ]);
-        let along_x = |stamp_s: f64| Pose2::new(stamp_s, 0.0, 0.0);
+        let along_x = |stamp_s: f64| Some(Pose2::new(stamp_s, 0.0, 0.0));
         assert_eq!(count_wrong(&candidates, along_x), Some(2));
         assert_eq!(count_wrong(&json!([]), along_x), Some(0));
         let silent = json!([{"stamps_s": [1.0, 5.0], "verdict": "accepted"}]);

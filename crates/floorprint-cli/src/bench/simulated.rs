@@ -183,7 +183,7 @@ fn solve(drive: &SimulatedDrive, config: &Config, compare_maps: bool) -> anyhow:
         end_deg: end.map(|end| end.rotation_deg),
         odometry_m: Some(odometry.translation_m.rmse),
         closures: Some(accepted(&candidates).count()),
-        wrong_closures: count_wrong(&candidates, |stamp_s| drive.true_pose(stamp_s)),
+        wrong_closures: count_wrong(&candidates, |stamp_s| Some(drive.true_pose(stamp_s))),
         map_f1: quality.map(|quality| quality.f1),
         doubled_share: map.as_ref().and_then(WallSharpness::of).map(|walls| walls.doubled_share),
         scans: result.trajectory.len(),

@@ -28,8 +28,9 @@ pub(super) fn markdown(benchmark: &Benchmark) -> String {
 }
 
 const DATA_SETS: &str = "\nErrors on data sets are the mean over the benchmark's relations where there are any, else the \
-    RMSE against the true trajectory. \"Worst ÷ mean\" is the worst seed's translation error over the mean. CPU, wall time \
-    and memory are those of the whole process; a scan's time is wall time.\n\n";
+    RMSE against the true trajectory; \"worst ÷ mean\" is the worst seed's translation error over the mean. A closure is \
+    wrong that is off the true relative pose by more than 0.2 m or 0.05 rad. CPU, wall time and memory are those of the \
+    whole process; a scan's time is wall time.\n\n";
 const WORLDS: &str = "\nErrors in simulated worlds are RMSE, largest and last error against the truth. A closure is \
     wrong that is off the true relative pose by more than 0.2 m or 0.05 rad; wrong ones are given in all seeds together. CPU \
     time and memory are without those of the simulation.\n\n";
@@ -81,6 +82,7 @@ fn data_set_columns() -> Vec<Column> {
         ("largest m", with_worst(|run| run.largest_m, 2)),
         ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 3)),
         ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
+        ("wrong", Box::new(wrong)),
         ("map F1", mean(|run| run.map_f1, 1.0, 3)),
         ("double walls %", mean(|run| run.doubled_share, 100.0, 2)),
         ("scan ms, mean / p99 / max", Box::new(scan_ms)),
@@ -213,7 +215,7 @@ mod tests {
     fn rows_give_the_mean_and_the_worst() {
         let rows = [Row { name: "a".into(), preset: "default", runs: vec![run(0, 0.01, 0), run(1, 0.03, 2)] }];
         let text = table("data set", &rows, &data_set_columns());
-        let expected = "| a | default | 2 | 0.0200 (0.0300) | 1.50 | – | – | – | – | – | – | 0.50 / 1.00 / 2.0 | 2.00 | 1.00 | 5 (5) | 150 (100) |\n";
+        let expected = "| a | default | 2 | 0.0200 (0.0300) | 1.50 | – | – | – | – | **2** (1 seed) | – | – | 0.50 / 1.00 / 2.0 | 2.00 | 1.00 | 5 (5) | 150 (100) |\n";
         assert!(text.ends_with(expected), "{text}");
         assert_eq!(wrong(&rows[0]), "**2** (1 seed)");
     }
