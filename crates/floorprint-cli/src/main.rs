@@ -49,7 +49,11 @@ enum Command {
     Info(info::Arguments),
     #[command(subcommand)]
     Config(config::Command),
-    Bench(bench::Arguments),
+    // Boxed: it has many options.
+    Bench(Box<bench::Arguments>),
+    /// One simulated drive of `bench`.
+    #[command(hide = true)]
+    BenchDrive(Box<bench::DriveArguments>),
     Completions(shell::Completions),
     /// Print the manual page.
     Man,
@@ -65,6 +69,7 @@ impl Command {
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),
             Self::Bench(arguments) => bench::execute(arguments, terminal),
+            Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),
             Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),
             Self::Man => shell::man(Arguments::command(), terminal),
         }

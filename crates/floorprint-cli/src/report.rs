@@ -1,6 +1,6 @@
 //! `report.json`: what a run was, what it found, how good that is, what it cost.
 
-mod chart;
+pub(crate) mod chart;
 mod contradiction;
 mod loops;
 mod page;
@@ -8,9 +8,9 @@ mod page;
 pub(crate) use page::{Exhibits, page};
 
 use self::contradiction::Contradiction;
-use self::loops::Loops;
+pub(crate) use self::loops::Loops;
 use crate::solve::Solution;
-use crate::stopwatch::{PhaseTime, Stopwatch, peak_memory_bytes};
+use crate::stopwatch::{PhaseTime, ScanCost, Stopwatch, peak_memory_bytes};
 use crate::truth::Errors;
 use floorprint::Config;
 use floorprint::evaluation::WallSharpness;
@@ -157,6 +157,10 @@ pub(crate) struct Cost {
     pub(crate) peak_memory_bytes: Option<u64>,
     /// Seconds of drive per second of wall time.
     pub(crate) real_time_factor: f64,
+    /// Wall time of a scan, live, milliseconds: mean, 99th percentile, largest.
+    pub(crate) scan_ms: Option<ScanCost>,
+    /// Wall time from the last scan to the final map, seconds.
+    pub(crate) finish_s: f64,
     /// Wall time by phase.
     pub(crate) phases: Vec<PhaseTime>,
 }
@@ -208,6 +212,8 @@ impl Report {
                 cpu_s: None,
                 peak_memory_bytes: None,
                 real_time_factor: 0.0,
+                scan_ms: solution.scan_times.summary(),
+                finish_s: solution.finish_s,
                 phases: Vec::new(),
             },
         }

@@ -2,6 +2,7 @@
 
 use crate::interrupt::Interrupt;
 use crate::snapshots::Snapshots;
+use crate::stopwatch::ScanTimes;
 use crate::terminal::Terminal;
 use floorprint::geometry::Pose2;
 use floorprint::loop_closure::ClosureReport;
@@ -13,6 +14,7 @@ use floorprint::{Config, Phase, Profiler, Slam, StepReport};
 use floorprint_io::{DataSet, ImageIndex};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 /// What a drive amounts to.
 pub(crate) struct Solution {
@@ -32,6 +34,10 @@ pub(crate) struct Solution {
     pub(crate) summary: SynchronisationSummary,
     /// Scans that the filter could not use, with the reason.
     pub(crate) refused: BTreeMap<String, usize>,
+    /// How long each scan took.
+    pub(crate) scan_times: ScanTimes,
+    /// How long the end took, from the last scan to the final map, seconds.
+    pub(crate) finish_s: f64,
     /// Whether the user stopped the work before its end.
     pub(crate) partial: bool,
 }
@@ -82,15 +88,18 @@ pub(crate) fn solve(
     let mut slam = Slam::new(config);
     let mut steps = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
+    let mut scan_times = ScanTimes::default();
     let progress = around.terminal.progress("solving", "scans", frames.len());
     let mut positions = 0;
     while positions < frames.len() && !around.interrupt.requested() {
         around.profiler.enter(Phase::Synchronise);
+        let started = Instant::now();
         if let Some(frame) = frames.frame(positions) {
             match slam.process(&frame, around.profiler) {
                 Ok(step) => steps.push(step),
                 Err(error) => *refused.entry(error.to_string()).or_default() += 1,
             }
+            scan_times.add(started.elapsed().as_secs_f64());
             if let Some(snapshots) = &mut around.snapshots {
                 snapshots.observe(&slam, &frames, &steps);
             }
@@ -101,7 +110,9 @@ pub(crate) fn solve(
     progress.finish_and_clear();
 
     let mut partial = positions < frames.len();
+    let started = Instant::now();
     let result = slam.finish(|| frames.iter().take(positions), around.profiler);
+    let finish_s = started.elapsed().as_secs_f64();
     let floor = match (&data_set.images, &config.robot.camera) {
         (Some(images), Some(_)) if paint_floor && !partial => {
             around.profiler.enter(Phase::Texture);
@@ -119,6 +130,8 @@ pub(crate) fn solve(
         steps,
         floor,
         refused,
+        scan_times,
+        finish_s,
         partial,
     })
 }

@@ -1,7 +1,8 @@
 //! Where time and memory go.
 
 use floorprint::{Phase, Profiler};
-use serde::Serialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -49,6 +50,38 @@ impl Profiler for Stopwatch {
     }
 }
 
+/// How long each scan kept the live part busy, milliseconds.
+#[derive(Debug, Default)]
+pub(crate) struct ScanTimes(Vec<f32>);
+
+impl ScanTimes {
+    /// One more scan.
+    pub(crate) fn add(&mut self, seconds: f64) {
+        self.0.push((seconds * 1e3) as f32);
+    }
+
+    /// Mean, 99th percentile and largest; `None` before the first scan.
+    pub(crate) fn summary(&self) -> Option<ScanCost> {
+        let mut sorted = self.0.clone();
+        sorted.sort_by(f32::total_cmp);
+        let max = f64::from(*sorted.last()?);
+        let mean = sorted.iter().copied().map(f64::from).sum::<f64>() / sorted.len() as f64;
+        let rank = (0.99 * sorted.len() as f64).ceil() as usize;
+        Some(ScanCost { mean, p99: f64::from(sorted[rank.max(1) - 1]), max })
+    }
+}
+
+/// Time of a scan, milliseconds: making its frame and taking it in, live, without what comes at the end.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub(crate) struct ScanCost {
+    /// Mean over all scans.
+    pub(crate) mean: f64,
+    /// 99 of 100 scans take no longer.
+    pub(crate) p99: f64,
+    /// The longest.
+    pub(crate) max: f64,
+}
+
 /// What a phase took.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct PhaseTime {
@@ -84,13 +117,44 @@ pub(crate) fn children_cpu_time_s() -> Option<f64> {
     usage::cpu_time_s(usage::Who::Children)
 }
 
+/// CPU time of all threads of this process so far, to the microsecond and quickly asked for, seconds;
+/// wall time where the system does not tell.
+pub(crate) fn fine_cpu_time_s() -> f64 {
+    usage::fine_cpu_time_s().unwrap_or_else(|| {
+        static STARTED: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+        STARTED.get_or_init(Instant::now).elapsed().as_secs_f64()
+    })
+}
+
 /// The most memory that this process ever held, bytes; `None` where the system does not tell.
 ///
 /// From `/proc`, not from `getrusage`: that figure survives `exec`, so that a child of a large
 /// process would be charged with its parent's memory.
 pub(crate) fn peak_memory_bytes() -> Option<u64> {
+    memory_bytes("VmHWM:")
+}
+
+/// Memory that is held beyond what is held now.
+#[derive(Debug)]
+pub(crate) struct MemoryMark(Option<u64>);
+
+impl MemoryMark {
+    /// From now on.
+    pub(crate) fn set() -> Self {
+        // The system forgets the peak so far.
+        let forgotten = std::fs::write("/proc/self/clear_refs", "5").is_ok();
+        Self(if forgotten { memory_bytes("VmRSS:") } else { None })
+    }
+
+    /// The most that was held beyond it since, bytes; `None` where the system does not tell.
+    pub(crate) fn peak_beyond_bytes(&self) -> Option<u64> {
+        Some(peak_memory_bytes()?.saturating_sub(self.0?))
+    }
+}
+
+fn memory_bytes(field: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix(field))?;
     Some(line.trim().strip_suffix(" kB")?.parse::<u64>().ok()? * 1024)
 }
 
@@ -113,6 +177,11 @@ mod usage {
         let seconds = |time: TimeVal| time.tv_sec() as f64 + time.tv_usec() as f64 * 1e-6;
         Some(seconds(usage.user_time()) + seconds(usage.system_time()))
     }
+
+    pub(super) fn fine_cpu_time_s() -> Option<f64> {
+        let time = nix::time::clock_gettime(nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID).ok()?;
+        Some(time.tv_sec() as f64 + time.tv_nsec() as f64 * 1e-9)
+    }
 }
 
 #[cfg(not(unix))]
@@ -124,5 +193,23 @@ mod usage {
 
     pub(super) fn cpu_time_s(_who: Who) -> Option<f64> {
         None
+    }
+
+    pub(super) fn fine_cpu_time_s() -> Option<f64> {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_scans_are_summed_up() {
+        let mut times = ScanTimes::default();
+        assert_eq!(times.summary(), None);
+        (1..=200).rev().for_each(|ms| times.add(f64::from(ms) * 1e-3));
+        let cost = times.summary().unwrap();
+        assert!((cost.mean - 100.5).abs() < 1e-3 && (cost.p99 - 198.0).abs() < 1e-3 && (cost.max - 200.0).abs() < 1e-3);
     }
 }

@@ -18,7 +18,8 @@ use std::path::{Path, PathBuf};
 /// Where the truth about a drive lies, as far as there is any.
 #[derive(Debug, Default)]
 pub(crate) struct TruthFiles {
-    trajectory: Option<PathBuf>,
+    /// The true trajectory.
+    pub(crate) trajectory: Option<PathBuf>,
     map: Option<PathBuf>,
     floor: Option<PathBuf>,
     relations: Option<PathBuf>,

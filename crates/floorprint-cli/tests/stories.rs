@@ -286,10 +286,53 @@ fn presets_are_measured() {
     let out = folder.path().join("bench");
     let output = floorprint(&["bench", &drive(), "--preset", "fast", "--seeds", "2", "--out", out.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    assert!(text(&output.stdout).contains("| drive | fast |"));
-    let rows: serde_json::Value = serde_json::from_slice(&fs::read(out.join("bench.json")).unwrap()).unwrap();
-    assert_eq!(rows[0]["runs"].as_array().unwrap().len(), 2);
-    assert!(rows[0]["runs"][1]["translation_m"].as_f64().unwrap() < 0.2);
+    assert!(text(&output.stdout).contains("| drive | fast | 2 |"));
+    let found: serde_json::Value = serde_json::from_slice(&fs::read(out.join("bench.json")).unwrap()).unwrap();
+    let runs = found["data_sets"][0]["runs"].as_array().unwrap();
+    assert_eq!(runs.len(), 2);
+    assert!(runs[1]["translation_m"].as_f64().unwrap() < 0.2);
+    assert!(runs[1]["scan_ms"]["p99"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn a_simulated_world_is_measured_against_its_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bench");
+    let world = ["bench", "--world", "rooms", "--preset", "fast", "--seeds", "1", "--beams", "181", "--rate-hz", "10"];
+    let growth = ["--growth", "0.15,0.3", "--lidar-at", "-0.1,0.05,10", "--out", out.to_str().unwrap()];
+    let output = floorprint(&[&world[..], &growth[..]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let names: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names.len(), 3, "bench.md, bench.json, growth.svg and no drive: {names:?}");
+    let found: serde_json::Value = serde_json::from_slice(&fs::read(out.join("bench.json")).unwrap()).unwrap();
+    let run = &found["worlds"][0]["runs"][0];
+    let number = |key: &str| run[key].as_f64().unwrap();
+    assert!(number("translation_m") < 0.05 && number("translation_m") <= number("largest_m"), "{run}");
+    assert!(number("map_f1") > 0.5 && number("cpu_s") > 0.0 && number("peak_memory_bytes") > 0.0, "{run}");
+    let growth = found["growth"].as_array().unwrap();
+    assert!(growth[0]["runs"][0]["scans"].as_u64() < growth[1]["runs"][0]["scans"].as_u64());
+    assert!(fs::read_to_string(out.join("growth.svg")).unwrap().contains("CPU time of a scan"));
+    let schema = floorprint(&["bench", "--schema"]);
+    assert!(text(&schema.stdout).contains("wrong_closures"));
+}
+
+#[test]
+fn a_benchmark_tells_first_what_cannot_work_and_goes_on_past_a_broken_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bench");
+    let out = out.to_str().unwrap();
+    assert!(failure(&["bench", "no/such/folder", "--out", out], 1).contains("no/such/folder"));
+    assert!(failure(&["bench", &drive(), "--set", "filter.particels=3", "--out", out], 2).contains("filter.particles"));
+    assert!(failure(&["bench", "--world", "room", "--out", out], 2).contains("rooms"));
+    assert!(!Path::new(out).exists());
+    let broken = folder.path().join("broken.clf");
+    fs::write(&broken, "nonsense").unwrap();
+    let good = drive();
+    let output =
+        floorprint(&["bench", broken.to_str().unwrap(), &good, "--preset", "fast", "--seeds", "1", "--out", out]);
+    assert_eq!(output.status.code(), Some(1));
+    let table = text(&output.stdout);
+    assert!(table.contains("| drive | fast | 1 |") && table.contains("No figures from broken, fast"), "{table}");
 }
 
 #[cfg(unix)]
@@ -320,6 +363,35 @@ fn ctrl_c_keeps_what_was_computed_and_marks_it() {
     assert_eq!(report["partial"], true);
     assert!(report["drive"]["poses"].as_u64().unwrap() < report["drive"]["scans"].as_u64().unwrap());
     assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("partial"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_benchmark_that_is_stopped_gives_the_table_of_the_runs_so_far() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    use std::time::{Duration, Instant};
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("bench");
+    let slow = ["bench", "--world", "long_loop", "--preset", "default", "--seeds", "1", "--out"];
+    let child = Command::new(env!("CARGO_BIN_EXE_floorprint"))
+        .args(slow)
+        .arg(&out)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let started = Instant::now();
+    while !out.join("bench.json").exists() {
+        assert!(started.elapsed() < Duration::from_secs(60), "the benchmark did not start");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    // Long enough for the first run to start, and far too short for its end.
+    std::thread::sleep(Duration::from_millis(500));
+    kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), Signal::SIGINT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    assert!(text(&output.stdout).contains("Stopped before its end"));
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 2, "bench.md and bench.json");
 }
 
 #[cfg(unix)]

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 /// A chart's drawing area, SVG units.
-const WIDTH: f64 = 640.0;
-const HEIGHT: f64 = 196.0;
+pub(crate) const WIDTH: f64 = 640.0;
+pub(crate) const HEIGHT: f64 = 196.0;
 const LEFT: f64 = 58.0;
 const RIGHT: f64 = 10.0;
 const TOP: f64 = 12.0;
@@ -12,28 +12,39 @@ const BOTTOM: f64 = 32.0;
 /// Long series are drawn as the envelope over this many columns.
 const COLUMNS: usize = 400;
 
-/// A line chart of a value over time.
-pub(super) struct Chart<'a> {
+/// A line chart of a value over time, or another quantity.
+pub(crate) struct Chart<'a> {
     /// What is shown, with its unit.
-    pub(super) title: &'a str,
+    pub(crate) title: &'a str,
     /// Class of the line; the style sheet gives it its colour.
-    pub(super) class: &'a str,
-    /// Time (seconds) and value of each point.
-    pub(super) points: Vec<[f64; 2]>,
+    pub(crate) class: &'a str,
+    /// Time (seconds), or the other quantity, and value of each point.
+    pub(crate) points: Vec<[f64; 2]>,
     /// Top of the value axis, where it is known beforehand.
-    pub(super) maximum: Option<f64>,
+    pub(crate) maximum: Option<f64>,
 }
 
 impl Chart<'_> {
-    /// The chart as a `<figure>`; empty when there is nothing to draw.
+    /// The chart over seconds as a `<figure>`; empty when there is nothing to draw.
     pub(super) fn to_html(&self) -> String {
+        let title = self.title;
+        self.to_svg("s", None).map_or(String::new(), |svg| {
+            format!(r#"<figure class="chart"><figcaption>{title}</figcaption>{svg}</figure>"#)
+        })
+    }
+
+    /// The chart as an `<svg>`; `None` when there is nothing to draw. The horizontal axis has a unit, and
+    /// begins at a number or with the first point. In the former case points are marked.
+    pub(crate) fn to_svg(&self, unit: &str, from: Option<f64>) -> Option<String> {
         let points = || self.points.iter().filter(|point| point[1].is_finite());
         let extreme = |axis: usize, pick: fn(f64, f64) -> f64| points().map(|point| point[axis]).reduce(pick);
         let (Some(start), Some(end), Some(low), Some(high)) =
             (extreme(0, f64::min), extreme(0, f64::max), extreme(1, f64::min), extreme(1, f64::max))
         else {
-            return String::new();
+            return None;
         };
+        let marked = from.is_some();
+        let start = from.unwrap_or(start);
         let times = Axis::new(0.0, (end - start).max(1e-9));
         let low = low.min(0.0);
         let heights = Axis::new(low, self.maximum.unwrap_or(high).max(low + 1e-9));
@@ -52,18 +63,24 @@ impl Chart<'_> {
         }
         for tick in times.ticks() {
             let (at, below, label) = (x(start + tick), HEIGHT - 8.0, times.label(tick));
-            let _ =
-                write!(svg, r#"<text class="tick" x="{at:.1}" y="{below:.1}" text-anchor="middle">{label} s</text>"#);
+            let _ = write!(
+                svg,
+                r#"<text class="tick" x="{at:.1}" y="{below:.1}" text-anchor="middle">{label} {unit}</text>"#
+            );
         }
         let mut path = String::new();
         for [time, value] in envelope(&self.points) {
             let command = if path.is_empty() { 'M' } else { 'L' };
-            let _ = write!(path, "{command}{:.1} {:.1}", x(time), y(value.min(heights.high)));
+            let (right, down) = (x(time), y(value.min(heights.high)));
+            let _ = write!(path, "{command}{right:.1} {down:.1}");
+            if marked {
+                let _ = write!(svg, r#"<circle class="mark" cx="{right:.1}" cy="{down:.1}" r="3"/>"#);
+            }
         }
         let Self { title, class, .. } = self;
-        format!(
-            r#"<figure class="chart"><figcaption>{title}</figcaption><svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}">{svg}<path class="line {class}" d="{path}"/></svg></figure>"#
-        )
+        Some(format!(
+            r#"<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}">{svg}<path class="line {class}" d="{path}"/></svg>"#
+        ))
     }
 }
 

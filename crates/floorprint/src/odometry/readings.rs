@@ -24,45 +24,41 @@ pub(super) struct Readings {
 }
 
 impl Readings {
-    /// Sorts the records by kind and drops those with a number that is not finite.
-    pub(super) fn sort(records: &[Record], dropped: &mut Dropped) -> Self {
-        let mut readings = Self::default();
-        for record in records {
-            let finite = record.stamp_s().is_finite();
-            match record {
-                Record::Encoders(reading) => {
-                    if finite && reading.left_ticks.is_finite() && reading.right_ticks.is_finite() {
-                        readings.encoders.push(*reading);
-                    } else {
-                        dropped.encoder_readings += 1;
-                    }
+    /// Sorts in one more record, unless one of its numbers is not finite.
+    pub(super) fn add(&mut self, record: &Record, dropped: &mut Dropped) {
+        let finite = record.stamp_s().is_finite();
+        match record {
+            Record::Encoders(reading) => {
+                if finite && reading.left_ticks.is_finite() && reading.right_ticks.is_finite() {
+                    self.encoders.push(*reading);
+                } else {
+                    dropped.encoder_readings += 1;
                 }
-                Record::Imu(reading) => {
-                    if finite && reading.angular_velocity_rad_s[2].is_finite() {
-                        readings.imu.push(*reading);
-                    } else {
-                        dropped.imu_readings += 1;
-                    }
+            }
+            Record::Imu(reading) => {
+                if finite && reading.angular_velocity_rad_s[2].is_finite() {
+                    self.imu.push(*reading);
+                } else {
+                    dropped.imu_readings += 1;
                 }
-                Record::Odometry(stamped) => {
-                    if finite && stamped.pose.is_finite() {
-                        readings.poses.push(*stamped);
+            }
+            Record::Odometry(stamped) => {
+                if finite && stamped.pose.is_finite() {
+                    self.poses.push(*stamped);
+                } else {
+                    dropped.odometry_poses += 1;
+                }
+            }
+            Record::Scan(scan) => {
+                if let Some(pose) = scan.odometry {
+                    if finite && pose.is_finite() {
+                        self.poses.push(StampedPose { stamp_s: scan.stamp_s, pose });
                     } else {
                         dropped.odometry_poses += 1;
                     }
                 }
-                Record::Scan(scan) => {
-                    if let Some(pose) = scan.odometry {
-                        if finite && pose.is_finite() {
-                            readings.poses.push(StampedPose { stamp_s: scan.stamp_s, pose });
-                        } else {
-                            dropped.odometry_poses += 1;
-                        }
-                    }
-                }
             }
         }
-        readings
     }
 
     /// The source that the configuration asks for, or with `Auto` the best that is there.

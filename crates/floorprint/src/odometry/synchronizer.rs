@@ -1,7 +1,7 @@
 //! The synchroniser: sensor records in, frames for the filter out.
 //!
-//! All records are at hand, so dead reckoning is made first, over the whole drive; a frame
-//! is then made of each scan when it is asked for, and nothing is kept of it. Scans stay in
+//! All records can be had at any time, so dead reckoning is made first, over the whole drive; a
+//! frame is then made of each scan when it is asked for, and nothing is kept of it. Scans stay in
 //! the order of the records: where a log's stamps run backwards, its order is right.
 
 use super::config::{OdometrySource, ScanConfig};
@@ -13,7 +13,8 @@ use super::summary::{Dropped, SynchronisationSummary};
 use crate::config::Config;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::sensors::{LidarConfig, Ray, Record, Scan, StampedPose};
+use crate::sensors::{LidarConfig, Ray, Record, Records, Scan, StampedPose};
+use std::borrow::Cow;
 use thiserror::Error;
 
 /// Scans this far outside the odometry's span still count as inside it, seconds: about the
@@ -59,9 +60,11 @@ pub enum OdometryError {
 }
 
 /// The frames of a drive, made one by one as they are asked for, as often as they are asked for.
+///
+/// The records are a slice in memory, or any other [`Records`].
 #[derive(Debug)]
-pub struct Frames<'a> {
-    records: &'a [Record],
+pub struct Frames<'a, R: Records + ?Sized = [Record]> {
+    records: &'a R,
     lidar: LidarConfig,
     scan_config: ScanConfig,
     dead_reckoning: DeadReckoning,
@@ -78,7 +81,7 @@ struct Place {
     projection: Option<usize>,
     dead_reckoning: Pose2,
     motion: Option<Pose2>,
-    elapsed_s: f64,
+    stamp_s: f64,
 }
 
 impl<'a> Frames<'a> {
@@ -88,25 +91,41 @@ impl<'a> Frames<'a> {
     /// When there is no usable scan, when the odometry asked for cannot be made from these
     /// records, or when a setting of `[scan]`, `[odometry]` or `[robot.wheels]` cannot work.
     pub fn new(records: &'a [Record], config: &Config) -> Result<Self, OdometryError> {
+        Self::of(records, config)
+    }
+}
+
+impl<'a, R: Records + ?Sized> Frames<'a, R> {
+    /// The same of records that need not be in memory; each is asked for once here, a scan once more
+    /// for its frame.
+    ///
+    /// # Errors
+    /// As [`new`](Frames::new).
+    pub fn of(records: &'a R, config: &Config) -> Result<Self, OdometryError> {
         validate(config)?;
-        let mut dropped = Dropped::default();
-        let mut notes = Vec::new();
-        let readings = Readings::sort(records, &mut dropped);
-        let source = readings.choose_source(config)?;
-        let dead_reckoning = readings.dead_reckoning(source, config, &mut notes)?;
         let mut frames = Self {
             records,
             lidar: config.robot.lidar.clone(),
             scan_config: config.scan.clone(),
-            dead_reckoning,
+            dead_reckoning: DeadReckoning::default(),
             projections: Vec::new(),
             places: Vec::new(),
-            summary: SynchronisationSummary { source, scans: 0, frames: 0, dropped, notes },
+            summary: SynchronisationSummary {
+                source: config.odometry.source,
+                scans: 0,
+                frames: 0,
+                dropped: Dropped::default(),
+                notes: Vec::new(),
+            },
         };
-        frames.choose_scans();
+        let readings = frames.sort_records();
+        let summary = &mut frames.summary;
+        summary.source = readings.choose_source(config)?;
+        frames.dead_reckoning = readings.dead_reckoning(summary.source, config, &mut summary.notes)?;
         if frames.places.is_empty() {
             return Err(OdometryError::NoScans { found: frames.summary.scans });
         }
+        frames.note_steep_rays();
         frames.place_on_odometry();
         Ok(frames)
     }
@@ -122,7 +141,8 @@ impl<'a> Frames<'a> {
     #[must_use]
     pub fn frame(&self, position: usize) -> Option<Frame> {
         let place = self.places.get(position)?;
-        let Record::Scan(scan) = self.records.get(place.record)? else { return None };
+        let record = self.records.record(place.record)?;
+        let Record::Scan(scan) = record.as_ref() else { return None };
         let built;
         let projection = match place.projection {
             Some(index) => &self.projections[index],
@@ -136,7 +156,10 @@ impl<'a> Frames<'a> {
         Some(Frame {
             index: place.scan,
             stamp_s: scan.stamp_s,
-            elapsed_s: place.elapsed_s,
+            elapsed_s: position
+                .checked_sub(1)
+                .map_or(0.0, |before| scan.stamp_s - self.places[before].stamp_s)
+                .max(0.0),
             motion: place.motion,
             dead_reckoning: place.dead_reckoning,
             scan: projection.project(scan, motion),
@@ -156,9 +179,7 @@ impl<'a> Frames<'a> {
 
     /// Dead reckoning at each frame's stamp.
     pub fn dead_reckoned_poses(&self) -> impl Iterator<Item = StampedPose> + '_ {
-        self.places
-            .iter()
-            .map(|place| StampedPose { stamp_s: self.records[place.record].stamp_s(), pose: place.dead_reckoning })
+        self.places.iter().map(|place| StampedPose { stamp_s: place.stamp_s, pose: place.dead_reckoning })
     }
 
     /// What was used, dropped and noticed.
@@ -167,11 +188,16 @@ impl<'a> Frames<'a> {
         &self.summary
     }
 
-    /// Walks through the scans, drops what is unusable and keeps one in `scan.every` of the rest.
-    fn choose_scans(&mut self) {
-        let mut previous: Option<&Scan> = None;
+    /// Walks through the records: the readings of odometry are kept, scans that are unusable are
+    /// dropped, and of the rest one in `scan.every` gets its place.
+    fn sort_records(&mut self) -> Readings {
+        let records = self.records;
+        let mut readings = Readings::default();
+        let mut previous: Option<Cow<'_, Record>> = None;
         let mut usable = 0;
-        for (record, scan) in scans(self.records) {
+        for (position, record) in (0..records.count()).filter_map(|at| Some((at, records.record(at)?))) {
+            readings.add(&record, &mut self.summary.dropped);
+            let Record::Scan(scan) = record.as_ref() else { continue };
             let number = self.summary.scans;
             self.summary.scans += 1;
             let projection = self.projection_of(scan);
@@ -179,28 +205,33 @@ impl<'a> Frames<'a> {
                 &mut self.summary.dropped.scans_without_stamp
             } else if scan.ranges_m.len() != scan.geometry.len() {
                 &mut self.summary.dropped.scans_of_wrong_length
-            } else if previous.is_some_and(|previous| repeats(previous, scan)) {
+            } else if previous.as_deref().is_some_and(|previous| repeats(previous, scan)) {
                 &mut self.summary.dropped.scans_repeated
             } else if !says_something(scan) {
                 &mut self.summary.dropped.scans_without_valid_ray
             } else {
-                previous = Some(scan);
                 if usable % self.scan_config.every == 0 {
                     self.places.push(Place {
-                        record,
+                        record: position,
                         scan: number,
                         projection,
                         dead_reckoning: Pose2::IDENTITY,
                         motion: None,
-                        elapsed_s: 0.0,
+                        stamp_s: scan.stamp_s,
                     });
                 }
                 usable += 1;
+                previous = Some(record);
                 continue;
             };
             *counter += 1;
         }
         self.summary.frames = self.places.len();
+        readings
+    }
+
+    /// Tells of rays that cannot be used.
+    fn note_steep_rays(&mut self) {
         for projection in &self.projections {
             let steep = projection.steep_rays();
             if steep > 0 {
@@ -226,32 +257,35 @@ impl<'a> Frames<'a> {
 
     /// Gives every frame its dead reckoning and the motion since the frame before.
     fn place_on_odometry(&mut self) {
-        let log_poses = self.summary.source == OdometrySource::Log;
-        let stated_pose = |scan: &Scan| scan.odometry.filter(|pose| log_poses && pose.is_finite());
+        let (records, log_poses) = (self.records, self.summary.source == OdometrySource::Log);
+        let stated_pose = |place: &Place| {
+            let record = log_poses.then(|| records.record(place.record)).flatten()?;
+            let Record::Scan(scan) = record.as_ref() else { return None };
+            scan.odometry.filter(Pose2::is_finite)
+        };
         let mut origin = None;
-        let mut previous: Option<(f64, Pose2, bool)> = None;
+        let mut previous: Option<(Pose2, bool)> = None;
         let (mut unknown, mut jumps) = (0, 0);
         for place in &mut self.places {
-            let Record::Scan(scan) = &self.records[place.record] else { continue };
+            let stated = stated_pose(place);
             let origin = *origin.get_or_insert_with(|| {
-                let first = stated_pose(scan).unwrap_or_else(|| self.dead_reckoning.pose_at(scan.stamp_s));
+                let first = stated.unwrap_or_else(|| self.dead_reckoning.pose_at(place.stamp_s));
                 self.dead_reckoning = std::mem::take(&mut self.dead_reckoning).seen_from(&first);
                 first
             });
-            let stated = stated_pose(scan).map(|pose| origin.between(&pose));
-            let known = stated.is_some() || within(self.dead_reckoning.span_s(), scan.stamp_s);
-            let pose = stated.unwrap_or_else(|| self.dead_reckoning.pose_at(scan.stamp_s));
+            let stated = stated.map(|pose| origin.between(&pose));
+            let known = stated.is_some() || within(self.dead_reckoning.span_s(), place.stamp_s);
+            let pose = stated.unwrap_or_else(|| self.dead_reckoning.pose_at(place.stamp_s));
             place.dead_reckoning = pose;
             place.motion = known.then_some(Pose2::IDENTITY);
-            if let Some((stamp_s, before, known_before)) = previous {
+            if let Some((before, known_before)) = previous {
                 let step = before.between(&pose);
                 let jumped = step.distance() > LARGEST_STEP_M;
                 place.motion = (known && known_before && !jumped).then_some(step);
                 jumps += usize::from(jumped);
-                place.elapsed_s = (scan.stamp_s - stamp_s).max(0.0);
             }
             unknown += usize::from(!known);
-            previous = Some((scan.stamp_s, pose, known));
+            previous = Some((pose, known));
         }
         if jumps > 0 {
             let note =
@@ -267,16 +301,9 @@ impl<'a> Frames<'a> {
 /// No robot moves farther than this between two scans, metres.
 const LARGEST_STEP_M: f64 = 1000.0;
 
-/// The scans among the records, with the records' positions.
-fn scans(records: &[Record]) -> impl Iterator<Item = (usize, &Scan)> {
-    records.iter().enumerate().filter_map(|(index, record)| match record {
-        Record::Scan(scan) => Some((index, scan)),
-        Record::Encoders(_) | Record::Imu(_) | Record::Odometry(_) => None,
-    })
-}
-
-fn repeats(previous: &Scan, scan: &Scan) -> bool {
-    previous.stamp_s == scan.stamp_s && previous.ranges_m == scan.ranges_m
+fn repeats(previous: &Record, scan: &Scan) -> bool {
+    matches!(previous, Record::Scan(previous)
+        if previous.stamp_s == scan.stamp_s && previous.ranges_m == scan.ranges_m)
 }
 
 /// Whether any ray says something: a hit, or that nothing came back.

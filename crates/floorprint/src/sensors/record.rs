@@ -2,6 +2,7 @@
 
 use super::{EncoderReading, ImuReading, Scan};
 use crate::geometry::Pose2;
+use std::borrow::Cow;
 
 /// A sensor's message, in the order in which it is to be processed.
 ///
@@ -28,6 +29,26 @@ impl Record {
             Self::Imu(reading) => reading.stamp_s,
             Self::Odometry(stamped) => stamped.stamp_s,
         }
+    }
+}
+
+/// The records of a drive in the order in which they are to be processed, kept in memory or made when
+/// they are asked for. A record is the same however often it is asked for.
+pub trait Records: std::fmt::Debug {
+    /// Number of records.
+    fn count(&self) -> usize;
+
+    /// The record at a position from 0 to [`count`](Self::count).
+    fn record(&self, position: usize) -> Option<Cow<'_, Record>>;
+}
+
+impl Records for [Record] {
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn record(&self, position: usize) -> Option<Cow<'_, Record>> {
+        self.get(position).map(Cow::Borrowed)
     }
 }
 

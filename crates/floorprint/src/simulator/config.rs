@@ -2,6 +2,7 @@
 
 use super::SimulationError;
 use super::fault::Fault;
+use crate::geometry::Pose2;
 use crate::sensors::RobotConfig;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -192,6 +193,30 @@ impl Default for CameraSimulationConfig {
 }
 
 impl SimulationConfig {
+    /// The same robot with a LiDAR as the public logs around the year 2000 have it: 180 rays one degree
+    /// apart, 80 m of range, five scans a second; no camera.
+    #[must_use]
+    pub fn with_sparse_lidar(mut self) -> Self {
+        self.lidar = LidarSimulationConfig {
+            beams: 180,
+            field_of_view_rad: 179.0_f64.to_radians(),
+            rate_hz: 5.0,
+            range_max_m: 80.0,
+            far_noise_m: 0.02,
+            ..self.lidar
+        };
+        self.camera.rate_hz = 0.0;
+        self
+    }
+
+    /// The same robot with its LiDAR elsewhere: `body_from_lidar`, its height and tilt as they are.
+    #[must_use]
+    pub fn with_lidar_at(mut self, body_from_lidar: Pose2) -> Self {
+        let mount = &mut self.robot.lidar.mount;
+        (mount.x_m, mount.y_m, mount.yaw_rad) = (body_from_lidar.x, body_from_lidar.y, body_from_lidar.theta);
+        self
+    }
+
     /// The same robot without any error: every number follows from the truth, up to encoder ticks and pixels.
     #[must_use]
     pub fn without_noise(mut self) -> Self {

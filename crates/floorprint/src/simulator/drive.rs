@@ -13,9 +13,10 @@ use super::wheel_encoders::{WheelCounts, wheel_counts};
 use super::world::World;
 use crate::geometry::Pose2;
 use crate::random::{Stage, generator};
-use crate::sensors::{ImuReading, Record, Scan, ScanGeometry, StampedPose};
+use crate::sensors::{ImuReading, Record, Records, Scan, ScanGeometry, StampedPose};
 use rand::RngExt;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 
 /// When the first scan is taken, seconds into the drive: no two sensors tick together.
@@ -197,5 +198,27 @@ impl SimulatedDrive {
     #[must_use]
     pub fn true_pose(&self, stamp_s: f64) -> Pose2 {
         self.start.between(&self.trajectory.at(stamp_s - self.config.start_stamp_s).pose())
+    }
+}
+
+/// All wheel readings, then all of the inertial unit, then all scans: each kind in the order of its
+/// stamps, and only that order counts for [`Frames`](crate::odometry::Frames).
+impl Records for SimulatedDrive {
+    fn count(&self) -> usize {
+        self.wheel_counts.len() + self.imu.len() + self.scan_count()
+    }
+
+    fn record(&self, position: usize) -> Option<Cow<'_, Record>> {
+        let (wheels, imu) = (self.wheel_counts.len(), self.imu.len());
+        let record = if position < wheels {
+            Record::Encoders(self.wheel_counts[position].reading())
+        } else if position < wheels + imu {
+            Record::Imu(self.imu[position - wheels])
+        } else if position < self.count() {
+            Record::Scan(self.scan(position - wheels - imu))
+        } else {
+            return None;
+        };
+        Some(Cow::Owned(record))
     }
 }

@@ -8,6 +8,7 @@ use crate::geometry::Pose2;
 use crate::random::{Stage, generator};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
+use std::ops::Range;
 
 /// Furniture keeps at least this distance from the route, metres.
 const CLEARANCE_M: f64 = 0.75;
@@ -71,6 +72,11 @@ impl FloorPlan {
 
     /// Shallow recesses, as of doors, at random places along the long sides of a corridor.
     pub(super) fn niches(&mut self, corridor: Rectangle) {
+        self.niches_apart(corridor, 0.8..4.0);
+    }
+
+    /// The same with so much bare wall between one recess and the next, metres.
+    pub(super) fn niches_apart(&mut self, corridor: Rectangle, bare_m: Range<f64>) {
         let lengthwise = corridor.x[1] - corridor.x[0] >= corridor.y[1] - corridor.y[0];
         let (along, across) = if lengthwise { (corridor.x, corridor.y) } else { (corridor.y, corridor.x) };
         for outward in [-1.0, 1.0] {
@@ -89,7 +95,7 @@ impl FloorPlan {
                 } else {
                     self.space(niche.1, niche.0)
                 };
-                from += width + self.random.random_range(0.8..4.0);
+                from += width + self.random.random_range(bare_m.clone());
             }
         }
     }

@@ -3,8 +3,10 @@
 use super::camera::{color_pinhole, depth_pinhole};
 use super::floor_plan::FloorPlan;
 use super::{Fault, SimulatedDrive, SimulationConfig, WheelCounts, World, simulate};
+use crate::Config;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::Occupancy;
+use crate::odometry::Frames;
 use crate::sensors::{Record, RobotConfig, Scan};
 use nalgebra::Vector3;
 
@@ -49,6 +51,21 @@ fn records_are_in_order_and_the_stream_is_the_same() {
     }
 }
 
+/// Frames made of scans on demand are those made of records in memory.
+#[test]
+fn frames_on_demand_are_the_same() {
+    let drive = drive("loop", small(), 2);
+    let config = Config { robot: drive.config().robot.clone(), ..Config::default() };
+    let records = drive.records();
+    let (kept, made) = (Frames::new(&records, &config).unwrap(), Frames::of(&drive, &config).unwrap());
+    assert_eq!(kept.summary(), made.summary());
+    assert_eq!(kept.len(), made.len());
+    for (kept, made) in kept.iter().zip(made.iter()).step_by(50) {
+        assert_eq!((kept.stamp_s, kept.elapsed_s, kept.motion), (made.stamp_s, made.elapsed_s, made.motion));
+        assert_eq!(kept.scan.hits, made.scan.hits);
+    }
+}
+
 /// No robot drives through a wall: the smallest distance on any route leaves room for its body.
 #[test]
 fn every_route_keeps_clear_of_walls_and_furniture() {
@@ -71,6 +88,44 @@ fn every_route_keeps_clear_of_walls_and_furniture() {
             let end = drive.start.compose(&end);
             assert!((end.x - last[0]).hypot(end.y - last[1]) < 0.15, "{name} does not arrive: {end:?}, {last:?}");
         }
+    }
+}
+
+/// Offices of any size are about as long as asked for.
+#[test]
+fn an_office_is_as_long_as_asked_for() {
+    for length_m in [500.0, 1000.0, 2000.0, 5000.0] {
+        let route_m = World::office(length_m, 0).route_length_m();
+        assert!((route_m / length_m - 1.0).abs() < 0.12, "{route_m} m instead of {length_m} m");
+    }
+    assert_eq!(World::office(700.0, 3).walls(), World::office(700.0, 3).walls());
+    assert_ne!(World::office(700.0, 3).walls(), World::office(700.0, 4).walls());
+}
+
+/// The worlds that are like other people's logs have the sizes that they say.
+#[test]
+fn large_worlds_have_the_sizes_that_they_say() {
+    let building = World::named("main_building", 1).unwrap();
+    assert!((1800.0..2000.0).contains(&building.route_length_m()), "{} m", building.route_length_m());
+    let [low, high] = World::named("large_hall", 1).unwrap().bounds_m();
+    assert!((high[0] - low[0] - 60.0).abs() < 0.5 && (high[1] - low[1] - 40.0).abs() < 0.5);
+}
+
+/// A sparse LiDAR beside the body's middle sees the empty room from where it sits.
+#[test]
+fn a_sparse_lidar_off_the_middle_measures_from_where_it_is() {
+    let place = Pose2::new(-0.2, 0.3, 0.5);
+    let mut config = SimulationConfig::default().with_sparse_lidar().with_lidar_at(place).without_noise();
+    config.motion.start_heading_error_rad = 0.0;
+    let scan = empty_room(config).scan(0);
+    assert_eq!(scan.ranges_m.len(), 180);
+    assert!((scan.geometry.angles_rad[1] - scan.geometry.angles_rad[0] - 1.0_f64.to_radians()).abs() < 1e-9);
+    let building_from_lidar = Pose2::new(3.0, 2.0, 0.0).compose(&place);
+    for (&range_m, &angle_rad) in scan.ranges_m.iter().zip(&scan.geometry.angles_rad) {
+        let [x, y] =
+            building_from_lidar.transform_point([angle_rad.cos(), angle_rad.sin()].map(|m| m * f64::from(range_m)));
+        let off_m = [x, 8.0 - x, y, 6.0 - y].into_iter().map(f64::abs).fold(f64::INFINITY, f64::min);
+        assert!(off_m < 0.001, "the ray at {angle_rad} rad ends {off_m} m off the walls");
     }
 }
 

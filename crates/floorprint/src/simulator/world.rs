@@ -72,6 +72,16 @@ impl World {
         &self.route
     }
 
+    /// Length of the route, metres.
+    #[must_use]
+    pub fn route_length_m(&self) -> f64 {
+        let leg_m = |leg: &[Waypoint]| {
+            let ([from_x, from_y], [to_x, to_y]) = (leg[0].position_m, leg[1].position_m);
+            (to_x - from_x).hypot(to_y - from_y)
+        };
+        self.route.windows(2).map(leg_m).sum()
+    }
+
     /// Where the route starts, looking along its first leg: `building_from_start`.
     #[must_use]
     pub fn start(&self) -> Pose2 {

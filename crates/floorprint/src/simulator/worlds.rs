@@ -3,12 +3,13 @@
 use super::SimulationError;
 use super::floor_plan::{FloorPlan, Rectangle};
 use super::world::World;
+use crate::geometry::Pose2;
 use rand::RngExt;
 
 type Builder = fn(u64) -> FloorPlan;
 
 /// Every world with the function that draws it.
-const WORLDS: [(&str, Builder); 10] = [
+const WORLDS: [(&str, Builder); 13] = [
     ("rooms", rooms),
     ("corridors", corridors),
     ("loop", small_loop),
@@ -19,6 +20,9 @@ const WORLDS: [(&str, Builder); 10] = [
     ("five_corridors", five_corridors),
     ("long_loop", long_loop),
     ("long_office", long_office),
+    ("main_building", main_building),
+    ("large_hall", large_hall),
+    ("identical_rooms", identical_rooms),
 ];
 
 impl World {
@@ -35,6 +39,16 @@ impl World {
         let builder = WORLDS.iter().find(|(known, _)| *known == name).map(|(_, builder)| builder);
         let builder = builder.ok_or_else(|| SimulationError::unknown_world(name))?;
         Ok(builder(seed).build(name))
+    }
+
+    /// An office like "long_office" of a size to choose: its route is `length_m` long, within a few per cent.
+    #[must_use]
+    pub fn office(length_m: f64, seed: u64) -> Self {
+        // Small offices have short corridors, so that they still have several.
+        let rooms = if length_m < 1000.0 { 9 } else { 24 };
+        let size = OfficeSize { corridors: 0, rooms, visit_every: 3 };
+        let corridors = (length_m / size.route_of_a_corridor_m()).round().clamp(2.0, 1000.0) as usize;
+        office(FloorPlan::new(seed, 14), OfficeSize { corridors, ..size }).build("office")
     }
 }
 
@@ -195,51 +209,156 @@ fn long_loop(seed: u64) -> FloorPlan {
 
 /// An office of ten corridors: a drive of two kilometres past and into its rooms.
 fn long_office(seed: u64) -> FloorPlan {
-    office(FloorPlan::new(seed, 10), 10, 24, 3)
+    office(FloorPlan::new(seed, 10), OfficeSize { corridors: 10, rooms: 24, visit_every: 3 })
 }
 
-/// Parallel corridors joined at both ends, each with `rooms` rooms a side. The route takes the
-/// corridors in turn, looks into every `visit_every`-th room and returns to its start.
-fn office(mut plan: FloorPlan, corridors: usize, rooms: usize, visit_every: usize) -> FloorPlan {
-    const ROOM_M: f64 = 5.0;
-    const SPACING_M: f64 = 12.0;
-    let length_m = 2.0 * 2.4 + rooms as f64 * ROOM_M;
-    let mut furnished = Vec::new();
+/// A university's main building: corridors of 60 to 250 m with few doors, joined to loops, and two
+/// lobbies; a drive of 1.9 km that takes most of them twice.
+fn main_building(seed: u64) -> FloorPlan {
+    const WIDTH_M: f64 = 2.5;
+    let [west, middle, east] = [1.25, 131.25, 248.75];
+    let [south, center, north] = [1.25, 61.25, 131.25];
+    let mut plan = FloorPlan::new(seed, 11);
+    let from_to = |from: f64, to: f64| [from - 0.5 * WIDTH_M, to + 0.5 * WIDTH_M];
+    for (x, y) in [
+        ([west, east], [south; 2]),
+        ([west, east], [center; 2]),
+        ([west, middle], [north; 2]),
+        ([west; 2], [south, north]),
+        ([middle; 2], [south, north]),
+        ([east; 2], [south, center]),
+    ] {
+        let corridor = plan.space(from_to(x[0], x[1]), from_to(y[0], y[1]));
+        plan.niches_apart(corridor, 6.0..25.0);
+    }
+    let lobbies = [plan.space([125.0, 138.0], [57.0, 67.0]), plan.space([68.0, 84.0], [-8.0, 2.5])];
+    for pillar in [[127.0, 58.5], [136.0, 58.5], [127.0, 65.5], [136.0, 65.5], [72.0, -3.0], [80.0, -3.0]] {
+        plan.pillar(pillar, 0.3);
+    }
+    plan.drive_to(&[[60.0, south], [east, south], [east, center], [middle, center], [middle, north]]);
+    plan.drive_to(&[[west, north], [west, south], [middle, south], [middle, center], [west, center]]);
+    plan.drive_to(&[[west, north], [middle, north], [middle, south], [east, south], [east, center]]);
+    plan.drive_to(&[[west, center], [west, south], [60.0, south]]);
+    for lobby in lobbies {
+        plan.furnish(lobby, 4);
+    }
+    plan
+}
+
+/// A hall of 60 by 40 m with few pillars: from its middle a LiDAR of short range sees little else.
+fn large_hall(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 12);
+    let hall = plan.space([0.0, 60.0], [0.0, 40.0]);
+    plan.niches_apart(hall, 5.0..15.0);
+    for column in 1..=4 {
+        for row in 1..=2 {
+            let [dx, dy] = std::array::from_fn(|_| plan.random().random_range(-0.3..0.3));
+            plan.pillar([12.0 * f64::from(column) + dx, 13.3 * f64::from(row) + dy], 0.25);
+        }
+    }
+    plan.drive_to(&[[4.0, 4.0], [56.0, 4.0], [56.0, 20.0], [4.0, 20.0], [4.0, 36.0], [56.0, 36.0], [56.0, 20.0]]);
+    plan.drive_to(&[[30.0, 20.0], [30.0, 4.0], [4.0, 4.0], [4.0, 36.0], [30.0, 36.0], [30.0, 8.0]]);
+    plan.furnish(hall, 8);
+    plan
+}
+
+/// An office whose rooms are all furnished the same, but for some centimetres.
+fn identical_rooms(seed: u64) -> FloorPlan {
+    let mut plan = FloorPlan::new(seed, 13);
+    let rooms = office_rooms(&mut plan, OfficeSize { corridors: 3, rooms: 9, visit_every: 2 }, false);
+    for (index, room) in rooms.into_iter().enumerate() {
+        // Rooms come in pairs, north and south of their corridor, with the door at other ends.
+        let from_corner_m = if index % 2 == 0 { [3.9, 2.9] } else { [0.9, 0.8] };
+        let mut about = |value: f64| value + plan.random().random_range(-0.03..0.03);
+        let center = Pose2::new(about(room.x[0] + from_corner_m[0]), about(room.y[0] + from_corner_m[1]), about(0.0));
+        plan.crate_box(center, [0.7, 0.4], [150, 110, 70]);
+    }
+    plan
+}
+
+/// Side of an office's room along its corridor, wall included, metres.
+const ROOM_M: f64 = 5.0;
+/// From one corridor of an office to the next, metres.
+const CORRIDOR_SPACING_M: f64 = 12.0;
+/// How far the robot drives into a room, from the middle of the corridor, metres.
+const VISIT_M: f64 = 2.6;
+
+/// How large an office is.
+#[derive(Debug, Clone, Copy)]
+struct OfficeSize {
+    /// Parallel corridors, joined at both ends.
+    corridors: usize,
+    /// Rooms on each side of a corridor.
+    rooms: usize,
+    /// The route leads into one room of so many.
+    visit_every: usize,
+}
+
+impl OfficeSize {
+    /// Length of a corridor, metres.
+    fn corridor_m(&self) -> f64 {
+        2.0 * 2.4 + self.rooms as f64 * ROOM_M
+    }
+
+    /// Along which rooms of a corridor the route turns off.
+    fn visits(self) -> impl Iterator<Item = usize> {
+        (0..self.rooms).filter(move |room| room % self.visit_every == 1)
+    }
+
+    /// What a corridor adds to the route, its share of the way back included, metres.
+    fn route_of_a_corridor_m(&self) -> f64 {
+        self.corridor_m() - 2.0 + self.visits().count() as f64 * 2.0 * VISIT_M + 2.0 * CORRIDOR_SPACING_M
+    }
+}
+
+/// An office with furniture at random.
+fn office(mut plan: FloorPlan, size: OfficeSize) -> FloorPlan {
+    for room in office_rooms(&mut plan, size, true) {
+        plan.furnish(room, 4);
+    }
+    plan
+}
+
+/// Parallel corridors joined at both ends, each with rooms on both sides. The route takes the
+/// corridors in turn, looks into some rooms and returns to its start.
+fn office_rooms(plan: &mut FloorPlan, size: OfficeSize, niches: bool) -> Vec<Rectangle> {
+    let OfficeSize { corridors, rooms, .. } = size;
+    let length_m = size.corridor_m();
+    let mut all_rooms = Vec::new();
     for index in 0..corridors {
-        let y = SPACING_M * index as f64;
+        let y = CORRIDOR_SPACING_M * index as f64;
         let corridor = plan.space([0.0, length_m], [y, y + 2.0]);
-        plan.niches(corridor);
+        if niches {
+            plan.niches(corridor);
+        }
         for room in 0..rooms {
             let x = 2.4 + room as f64 * ROOM_M;
             for (north, [bottom, top], door) in
                 [(true, [y + 2.2, y + 5.9], [y + 2.0, y + 2.2]), (false, [y - 3.9, y - 0.2], [y - 0.2, y])]
             {
                 let door_m = x + if north { 1.4 } else { 3.0 };
-                furnished.push(plan.space([x, x + ROOM_M - 0.2], [bottom, top]));
+                all_rooms.push(plan.space([x, x + ROOM_M - 0.2], [bottom, top]));
                 plan.space([door_m - 0.6, door_m + 0.6], door);
             }
         }
     }
-    let height_m = SPACING_M * (corridors - 1) as f64 + 2.0;
+    let height_m = CORRIDOR_SPACING_M * (corridors - 1) as f64 + 2.0;
     plan.space([0.0, 2.0], [0.0, height_m]);
     plan.space([length_m - 2.0, length_m], [0.0, height_m]);
     for index in 0..corridors {
-        let y = SPACING_M * index as f64 + 1.0;
+        let y = CORRIDOR_SPACING_M * index as f64 + 1.0;
         let eastwards = index % 2 == 0;
         plan.drive_to(&[[if eastwards { 1.0 } else { length_m - 1.0 }, y]]);
-        for step in (0..rooms).filter(|room| room % visit_every == 1) {
+        for step in size.visits() {
             let room = if eastwards { step } else { rooms - 1 - step };
             let north = step % 2 == 0;
             let x = 2.4 + room as f64 * ROOM_M + if north { 1.4 } else { 3.0 };
-            let inside = [x, if north { y + 2.6 } else { y - 2.6 }];
+            let inside = [x, if north { y + VISIT_M } else { y - VISIT_M }];
             plan.drive_to(&[[x, y], inside]);
             plan.back_up_to([x, y]);
         }
         plan.drive_to(&[[if eastwards { length_m - 1.0 } else { 1.0 }, y]]);
     }
     plan.drive_to(&[[1.0, height_m - 1.0], [1.0, 1.0], [6.0, 1.0]]);
-    for room in furnished {
-        plan.furnish(room, 4);
-    }
-    plan
+    all_rooms
 }

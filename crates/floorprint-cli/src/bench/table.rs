@@ -1,0 +1,232 @@
+//! The benchmark as Markdown.
+
+use super::run::Run;
+use super::{Benchmark, Row};
+use std::fmt::Write as _;
+
+/// The head and a table for each kind of run that there was.
+pub(super) fn markdown(benchmark: &Benchmark) -> String {
+    let mut text = head(benchmark);
+    if !benchmark.data_sets.is_empty() {
+        text.push_str(DATA_SETS);
+        text.push_str(&table("data set", &benchmark.data_sets, &data_set_columns()));
+    }
+    if !benchmark.worlds.is_empty() {
+        text.push_str(WORLDS);
+        text.push_str(&table("world", &benchmark.worlds, &world_columns()));
+    }
+    if !benchmark.growth.is_empty() {
+        text.push_str(GROWTH);
+        text.push_str(&table("drive", &benchmark.growth, &growth_columns()));
+    }
+    for failure in &benchmark.failures {
+        let message = failure.message.lines().next().unwrap_or_default();
+        let _ =
+            writeln!(text, "\nNo figures from {}, {}, seed {}: {message}", failure.name, failure.preset, failure.seed);
+    }
+    text
+}
+
+const DATA_SETS: &str = "\nErrors on data sets are the mean over the benchmark's relations where there are any, else the \
+    RMSE against the true trajectory; \"worst ÷ mean\" is the worst seed's translation error over the mean. A closure is \
+    wrong that is off the true relative pose by more than 0.2 m or 0.05 rad. CPU, wall time and memory are those of the \
+    whole process; a scan's time is wall time.\n\n";
+const WORLDS: &str = "\nErrors in simulated worlds are RMSE, largest and last error against the truth. A closure is \
+    wrong that is off the true relative pose by more than 0.2 m or 0.05 rad; wrong ones are given in all seeds together. CPU \
+    time and memory are without those of the simulation.\n\n";
+const GROWTH: &str = "\nSimulated offices of growing length. CPU time of a scan is its frame and the filter, live; the end is \
+    all that comes after the last scan. Memory is what is held beyond the simulation.\n\n";
+
+fn head(benchmark: &Benchmark) -> String {
+    let Benchmark { version, date, machine, threads, settings, simulated_lidar, interrupted, .. } = benchmark;
+    let mut text = format!(
+        "Floorprint {version}, {date}, {} ({} core{}, {}), {threads} thread{} a run{}{}. Figures are means over the \
+         seeds, the worst seed in brackets.\n",
+        machine.cpu,
+        machine.cores,
+        plural(machine.cores),
+        machine.system,
+        plural((*threads).into()),
+        if settings.is_empty() { String::new() } else { format!(", with {}", settings.join(", ")) },
+        simulated_lidar.as_ref().map_or(String::new(), |lidar| format!("; simulated LiDAR: {lidar}")),
+    );
+    if *interrupted {
+        text.push_str("\n**Stopped before its end: these are the runs so far.**\n");
+    }
+    text
+}
+
+fn plural(count: usize) -> &'static str {
+    if count == 1 { "" } else { "s" }
+}
+
+/// A column: its head and what it shows of a row.
+type Column = (&'static str, Box<dyn Fn(&Row) -> String>);
+
+fn table(first: &str, rows: &[Row], columns: &[Column]) -> String {
+    let heads: Vec<&str> = columns.iter().map(|(head, _)| *head).collect();
+    let mut text = format!("| {first} | preset | seeds | {} |\n", heads.join(" | "));
+    text.push_str(&format!("|---|---|{}\n", "---|".repeat(heads.len() + 1)));
+    for row in rows {
+        let cells: Vec<String> = columns.iter().map(|(_, cell)| cell(row)).collect();
+        let _ = writeln!(text, "| {} | {} | {} | {} |", row.name, row.preset, row.runs.len(), cells.join(" | "));
+    }
+    text
+}
+
+fn data_set_columns() -> Vec<Column> {
+    vec![
+        ("translation m", with_worst(|run| run.translation_m, 4)),
+        ("worst ÷ mean", Box::new(worst_over_mean)),
+        ("rotation °", with_worst(|run| run.rotation_deg, 3)),
+        ("largest m", with_worst(|run| run.largest_m, 2)),
+        ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 3)),
+        ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
+        ("wrong", Box::new(wrong)),
+        ("map F1", mean(|run| run.map_f1, 1.0, 3)),
+        ("double walls %", mean(|run| run.doubled_share, 100.0, 2)),
+        ("scan ms, mean / p99 / max", Box::new(scan_ms)),
+        ("CPU s", mean(|run| run.cpu_s, 1.0, 2)),
+        ("wall s", mean(|run| Some(run.wall_s), 1.0, 2)),
+        ("memory MB", with_worst(|run| run.peak_memory_bytes.map(|bytes| bytes as f64 * 1e-6), 0)),
+        ("× real time (slowest)", Box::new(real_time)),
+    ]
+}
+
+fn world_columns() -> Vec<Column> {
+    vec![
+        ("km", mean(|run| Some(run.length_m), 1e-3, 2)),
+        ("RMSE m", with_worst(|run| run.translation_m, 4)),
+        ("RMSE °", with_worst(|run| run.rotation_deg, 3)),
+        ("largest m", with_worst(|run| run.largest_m, 3)),
+        ("at the end m", with_worst(|run| run.end_m, 3)),
+        ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 2)),
+        ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
+        ("wrong", Box::new(wrong)),
+        ("map F1", mean(|run| run.map_f1, 1.0, 3)),
+        ("scan ms, mean / p99 / max", Box::new(scan_ms)),
+        ("end s", mean(|run| run.finish_s, 1.0, 2)),
+        ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
+        ("memory MB", with_worst(|run| run.peak_memory_bytes.map(|bytes| bytes as f64 * 1e-6), 0)),
+    ]
+}
+
+fn growth_columns() -> Vec<Column> {
+    vec![
+        ("km", mean(|run| Some(run.length_m), 1e-3, 2)),
+        ("scans", mean(|run| Some(run.scans as f64), 1.0, 0)),
+        ("scan ms, mean / p99 / max", Box::new(scan_ms)),
+        ("end s", mean(|run| run.finish_s, 1.0, 2)),
+        ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
+        ("× real time (slowest)", Box::new(real_time)),
+        ("memory MB", with_worst(|run| run.peak_memory_bytes.map(|bytes| bytes as f64 * 1e-6), 0)),
+        ("RMSE m", with_worst(|run| run.translation_m, 3)),
+        ("at the end m", with_worst(|run| run.end_m, 3)),
+        ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 1)),
+        ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
+        ("wrong", Box::new(wrong)),
+    ]
+}
+
+/// What stands where nothing is known.
+const UNKNOWN: &str = "–";
+
+fn values(row: &Row, value: fn(&Run) -> Option<f64>) -> Vec<f64> {
+    row.runs.iter().filter_map(value).collect()
+}
+
+fn mean_of(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn mean(value: fn(&Run) -> Option<f64>, scale: f64, decimals: usize) -> Box<dyn Fn(&Row) -> String> {
+    Box::new(move |row| match values(row, value).as_slice() {
+        [] => UNKNOWN.to_owned(),
+        values => format!("{:.decimals$}", mean_of(values) * scale),
+    })
+}
+
+fn with_worst(value: fn(&Run) -> Option<f64>, decimals: usize) -> Box<dyn Fn(&Row) -> String> {
+    Box::new(move |row| {
+        let values = values(row, value);
+        match values.iter().copied().reduce(f64::max) {
+            None => UNKNOWN.to_owned(),
+            Some(worst) if values.len() == 1 => format!("{worst:.decimals$}"),
+            Some(worst) => format!("{:.decimals$} ({worst:.decimals$})", mean_of(&values)),
+        }
+    })
+}
+
+fn worst_over_mean(row: &Row) -> String {
+    let values = values(row, |run| run.translation_m);
+    let worst = values.iter().copied().reduce(f64::max);
+    worst.map_or(UNKNOWN.to_owned(), |worst| format!("{:.2}", worst / mean_of(&values).max(f64::MIN_POSITIVE)))
+}
+
+fn real_time(row: &Row) -> String {
+    let factors = values(row, Run::real_time_factor);
+    match factors.iter().copied().reduce(f64::min) {
+        None => UNKNOWN.to_owned(),
+        Some(slowest) if factors.len() == 1 => format!("{slowest:.0}"),
+        Some(slowest) => format!("{:.0} ({slowest:.0})", mean_of(&factors)),
+    }
+}
+
+/// Means of means and percentiles; the largest of all.
+fn scan_ms(row: &Row) -> String {
+    let costs: Vec<_> = row.runs.iter().filter_map(|run| run.scan_ms).collect();
+    let Some(max) = costs.iter().map(|cost| cost.max).reduce(f64::max) else { return UNKNOWN.to_owned() };
+    let count = costs.len() as f64;
+    let mean = costs.iter().map(|cost| cost.mean).sum::<f64>() / count;
+    let p99 = costs.iter().map(|cost| cost.p99).sum::<f64>() / count;
+    format!("{mean:.2} / {p99:.2} / {max:.1}")
+}
+
+/// Wrong closures of all seeds, and in how many seeds they are.
+fn wrong(row: &Row) -> String {
+    let wrong: Vec<usize> = row.runs.iter().filter_map(|run| run.wrong_closures).collect();
+    match wrong.iter().filter(|wrong| **wrong > 0).count() {
+        _ if wrong.is_empty() => UNKNOWN.to_owned(),
+        0 => "0".to_owned(),
+        seeds => format!("**{}** ({seeds} seed{})", wrong.iter().sum::<usize>(), plural(seeds)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stopwatch::ScanCost;
+
+    fn run(seed: u64, translation_m: f64, wrong_closures: usize) -> Run {
+        Run {
+            seed,
+            translation_m: Some(translation_m),
+            cpu_s: Some(2.0),
+            wall_s: 1.0,
+            peak_memory_bytes: Some(5_000_000),
+            duration_s: 100.0 * (seed + 1) as f64,
+            scan_ms: Some(ScanCost { mean: 0.5, p99: 1.0, max: 2.0 }),
+            wrong_closures: Some(wrong_closures),
+            ..Run::default()
+        }
+    }
+
+    #[test]
+    fn rows_give_the_mean_and_the_worst() {
+        let rows = [Row { name: "a".into(), preset: "default", runs: vec![run(0, 0.01, 0), run(1, 0.03, 2)] }];
+        let text = table("data set", &rows, &data_set_columns());
+        let expected = "| a | default | 2 | 0.0200 (0.0300) | 1.50 | – | – | – | – | **2** (1 seed) | – | – | 0.50 / 1.00 / 2.0 | 2.00 | 1.00 | 5 (5) | 150 (100) |\n";
+        assert!(text.ends_with(expected), "{text}");
+        assert_eq!(wrong(&rows[0]), "**2** (1 seed)");
+    }
+
+    #[test]
+    fn every_line_of_a_table_has_as_many_cells() {
+        let rows = [Row { name: "a".into(), preset: "fast", runs: vec![run(0, 0.01, 0)] }];
+        for columns in [data_set_columns(), world_columns(), growth_columns()] {
+            let text = table("x", &rows, &columns);
+            let cells: Vec<usize> = text.lines().map(|line| line.matches('|').count()).collect();
+            assert!(cells.iter().all(|count| *count == columns.len() + 4), "{text}");
+        }
+    }
+}
