@@ -4,7 +4,7 @@ use crate::Config;
 use crate::filter::{FilterKind, FilterStep, GrisettiFilter, RaoBlackwellizedFilter, SharedMapFilter};
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::loop_closure::{ClosureReport, close_loops, corrected_poses, map_of, refine};
+use crate::loop_closure::{ClosureReport, KeyScan, LoopCloser, corrected_poses, map_of, refine};
 use crate::map::OccupancyGrid;
 use crate::profiler::{Phase, Profiler};
 use crate::sensors::StampedPose;
@@ -32,6 +32,9 @@ pub struct StepReport {
     pub stamp_s: f64,
     /// Dead reckoning, start from body.
     pub dead_reckoning: Pose2,
+    /// The best estimate of the body's pose as of now, world from body: the filter's, put right by
+    /// the loops that were closed so far.
+    pub pose: Pose2,
     /// What the filter says.
     pub filter: FilterStep,
 }
@@ -46,8 +49,15 @@ pub struct Slam {
 #[derive(Debug)]
 enum Filter {
     SharedMap(SharedMapFilter),
-    RaoBlackwellized(RaoBlackwellizedFilter),
+    RaoBlackwellized(RaoBlackwellizedFilter, Option<LoopClosing>),
     Grisetti2007(GrisettiFilter),
+}
+
+/// Closing loops, and what the final map is made of.
+#[derive(Debug)]
+struct LoopClosing {
+    closer: LoopCloser,
+    key_scans: Vec<KeyScan>,
 }
 
 /// What a drive amounts to.
@@ -67,7 +77,13 @@ impl Slam {
     pub fn new(config: &Config) -> Self {
         let filter = match config.filter.kind {
             FilterKind::SharedMap => Filter::SharedMap(SharedMapFilter::new(config)),
-            FilterKind::RaoBlackwellized => Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config)),
+            FilterKind::RaoBlackwellized => {
+                let closing = config.loop_closure.enabled.then(|| LoopClosing {
+                    closer: LoopCloser::new(&config.loop_closure, &config.matcher),
+                    key_scans: Vec::new(),
+                });
+                Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config), closing)
+            }
             FilterKind::Grisetti2007 => Filter::Grisetti2007(GrisettiFilter::new(config)),
         };
         Self { config: config.clone(), filter }
@@ -83,15 +99,28 @@ impl Slam {
         if !scan_is_finite || frame.motion.is_some_and(|motion| !motion.is_finite()) {
             return Err(SlamError::NotFinite { index: frame.index, stamp_s: frame.stamp_s });
         }
-        let step = match &mut self.filter {
-            Filter::SharedMap(filter) => filter.process(frame, profiler),
-            Filter::RaoBlackwellized(filter) => filter.process(frame, profiler),
-            Filter::Grisetti2007(filter) => filter.process(frame, profiler),
+        let (step, correction) = match &mut self.filter {
+            Filter::SharedMap(filter) => (filter.process(frame, profiler), None),
+            Filter::Grisetti2007(filter) => (filter.process(frame, profiler), None),
+            Filter::RaoBlackwellized(filter, closing) => {
+                let step = filter.process(frame, profiler);
+                let correction = closing.as_mut().map(|closing| {
+                    profiler.enter(Phase::LoopClosure);
+                    if let Some(key_scan) = filter.take_key_scan() {
+                        closing.key_scans.push(key_scan.clone());
+                        closing.closer.add(key_scan, |frame| filter.poses_since(frame));
+                    }
+                    closing.closer.work();
+                    closing.closer.correction()
+                });
+                (step, correction)
+            }
         };
         Ok(StepReport {
             index: frame.index,
             stamp_s: frame.stamp_s,
             dead_reckoning: frame.dead_reckoning,
+            pose: correction.map_or(step.pose, |correction| correction.compose(&step.pose)),
             filter: step,
         })
     }
@@ -105,7 +134,7 @@ impl Slam {
     pub fn map(&self, frames: impl Iterator<Item = Frame>) -> OccupancyGrid {
         match &self.filter {
             Filter::SharedMap(filter) => filter.map().clone(),
-            Filter::RaoBlackwellized(filter) => OccupancyGrid::along(&filter.trajectory(), frames, &self.config.map),
+            Filter::RaoBlackwellized(..) => OccupancyGrid::along(&self.trajectory(), frames, &self.config.map),
             Filter::Grisetti2007(filter) => {
                 let trajectory = filter.trajectory();
                 let poses: Vec<StampedPose> = filter.matched().iter().map(|&position| trajectory[position]).collect();
@@ -116,47 +145,59 @@ impl Slam {
         }
     }
 
-    /// The trajectory so far, of the particle that is the best now.
+    /// The trajectory so far, of the particle that is the best now, put right by the loops that were closed so far.
     #[must_use]
     pub fn trajectory(&self) -> Vec<StampedPose> {
         match &self.filter {
             Filter::SharedMap(filter) => filter.trajectory(),
-            Filter::RaoBlackwellized(filter) => filter.trajectory(),
             Filter::Grisetti2007(filter) => filter.trajectory(),
+            Filter::RaoBlackwellized(filter, None) => filter.trajectory(),
+            Filter::RaoBlackwellized(filter, Some(closing)) => {
+                let mut trajectory = filter.trajectory();
+                let poses = corrected_poses(&poses_of(&trajectory), &closing.closer.anchors());
+                set_poses(&mut trajectory, &poses);
+                trajectory
+            }
         }
     }
 
     /// The final trajectory and map. `frames` are the frames that were processed, once more.
     ///
-    /// Here loops are closed: the drive is put right by places recognised again, every scan is
+    /// Here the last loops are closed: the drive is put right by places recognised again, every scan is
     /// fitted to the map of all of them, and the grid is drawn along the result.
     #[must_use]
     pub fn finish<I: Iterator<Item = Frame>>(self, frames: impl Fn() -> I, profiler: &mut dyn Profiler) -> SlamResult {
-        let (mut trajectory, mut closures) = (self.trajectory(), Vec::new());
-        let filter = match self.filter {
-            Filter::RaoBlackwellized(filter) if self.config.loop_closure.enabled => filter,
+        let (filter, LoopClosing { closer, key_scans }) = match self.filter {
+            Filter::RaoBlackwellized(filter, Some(closing)) => (filter, closing),
             _ => {
                 profiler.enter(Phase::Map);
-                return SlamResult { map: self.map(frames()), trajectory, closures };
+                return SlamResult { map: self.map(frames()), trajectory: self.trajectory(), closures: Vec::new() };
             }
         };
         profiler.enter(Phase::LoopClosure);
-        let key_scans = filter.key_scans();
+        let mut trajectory = filter.trajectory();
         drop(filter);
-        let (options, matcher) = (&self.config.loop_closure, &self.config.matcher);
-        let closed = close_loops(&key_scans, options, matcher);
-        let poses: Vec<Pose2> = trajectory.iter().map(|stamped| stamped.pose).collect();
-        let mut poses = corrected_poses(&poses, &key_scans, &closed);
-        for _ in 0..options.refinements {
+        let closed = closer.finish();
+        let mut poses = corrected_poses(&poses_of(&trajectory), &closed.anchors);
+        let matcher = &self.config.matcher;
+        for _ in 0..self.config.loop_closure.refinements {
             poses = refine(&map_of(&key_scans, &poses, matcher.cell_m), frames(), &poses, matcher);
         }
-        let start = poses.first().copied().unwrap_or(Pose2::IDENTITY);
-        for (stamped, pose) in trajectory.iter_mut().zip(&poses) {
-            stamped.pose = start.between(pose);
-        }
-        closures.extend(closed.closures);
+        set_poses(&mut trajectory, &poses);
         profiler.enter(Phase::Map);
         let map = OccupancyGrid::along(&trajectory, frames(), &self.config.map);
-        SlamResult { trajectory, map, closures }
+        SlamResult { trajectory, map, closures: closed.closures }
+    }
+}
+
+fn poses_of(trajectory: &[StampedPose]) -> Vec<Pose2> {
+    trajectory.iter().map(|stamped| stamped.pose).collect()
+}
+
+/// Sets a trajectory's poses, moved so that the first is the identity.
+fn set_poses(trajectory: &mut [StampedPose], poses: &[Pose2]) {
+    let start = poses.first().copied().unwrap_or(Pose2::IDENTITY);
+    for (stamped, pose) in trajectory.iter_mut().zip(poses) {
+        stamped.pose = start.between(pose);
     }
 }

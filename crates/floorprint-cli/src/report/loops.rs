@@ -41,11 +41,6 @@ pub(crate) struct Candidate {
 impl Loops {
     /// Sums up the comparisons made along a trajectory.
     pub(crate) fn new(closures: &[ClosureReport], trajectory: &[StampedPose]) -> Self {
-        let verdicts = [
-            (Verdict::Accepted, "tied together"),
-            (Verdict::DoesNotFit, "too little of the newer place lies on the older"),
-            (Verdict::DoesNotFitBack, "the older place does not lie on the newer"),
-        ];
         let count = |verdict| closures.iter().filter(|closure| closure.verdict == verdict).count();
         let closed = count(Verdict::Accepted);
         let stamp_s = |frame: usize| trajectory.get(frame).map_or(f64::NAN, |stamped| stamped.stamp_s);
@@ -54,8 +49,8 @@ impl Loops {
         Self {
             closed,
             rejected: closures.len() - closed,
-            verdicts: verdicts
-                .map(|(verdict, meaning)| VerdictCount { verdict, meaning, count: count(verdict) })
+            verdicts: Verdict::ALL
+                .map(|verdict| VerdictCount { verdict, meaning: verdict.meaning(), count: count(verdict) })
                 .into_iter()
                 .filter(|verdict| verdict.count > 0)
                 .collect(),

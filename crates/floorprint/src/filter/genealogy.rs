@@ -39,13 +39,21 @@ impl Trail {
     /// All poses from the start.
     #[must_use]
     pub fn poses(&self) -> Vec<StampedPose> {
+        self.last(usize::MAX)
+    }
+
+    /// The last `count` poses, or all if there are fewer; in the order of time.
+    #[must_use]
+    pub fn last(&self, count: usize) -> Vec<StampedPose> {
         let mut parts = vec![self.recent.as_slice()];
+        let mut length = self.recent.len();
         let mut branch = self.past.as_deref();
-        while let Some(here) = branch {
+        while let Some(here) = branch.filter(|_| length < count) {
             parts.push(&here.poses);
+            length += here.poses.len();
             branch = here.past.as_deref();
         }
-        parts.into_iter().rev().flatten().copied().collect()
+        parts.into_iter().rev().flatten().skip(length.saturating_sub(count)).copied().collect()
     }
 }
 
@@ -80,6 +88,9 @@ mod tests {
         second.push(stamped(40));
         assert_eq!(first.poses(), [0, 1, 2, 3].map(stamped));
         assert_eq!(second.poses(), [0, 1, 2, 30, 40].map(stamped));
+        for count in 0..6 {
+            assert_eq!(second.last(count), second.poses()[5 - count.min(5)..]);
+        }
     }
 
     #[test]

@@ -48,10 +48,14 @@ pub struct RaoBlackwellizedFilter {
     particles: Vec<Particle>,
     /// Length of the path that the maps remember, metres; unlimited where loops are not closed later.
     window_m: f64,
-    /// The scans that went into the maps; all particles write the same ones.
-    key_scans: Vec<KeyScan>,
-    /// The largest covariance of the poses since the last of them.
+    /// The scan that the last step wrote into the maps, if it wrote one; all particles write the same ones.
+    key_scan: Option<KeyScan>,
+    /// How many scans were written.
+    written: usize,
+    /// Covariance of the best particle's motion since the last of them.
     doubt: Matrix3<f64>,
+    /// Whether one of the matches since may have been wrong.
+    is_doubtful: bool,
     steps: u64,
 }
 
@@ -77,8 +81,10 @@ impl RaoBlackwellizedFilter {
             matcher: config.matcher.clone(),
             particles: vec![particle; count],
             window_m: if config.loop_closure.enabled { config.loop_closure.window_m } else { f64::INFINITY },
-            key_scans: Vec::new(),
+            key_scan: None,
+            written: 0,
             doubt: Matrix3::zeros(),
+            is_doubtful: false,
             steps: 0,
         }
     }
@@ -105,21 +111,24 @@ impl RaoBlackwellizedFilter {
         let resampled = due && effective_particles < self.config.resample_below * self.particles.len() as f64;
 
         if let Some(fit) = &matches[best] {
-            self.doubt = larger(self.doubt, fit.covariance());
+            self.doubt = fit.covariance_after(&self.doubt);
+            self.is_doubtful |= fit.is_doubtful();
         }
         profiler.enter(Phase::Map);
         let pose = self.particles[best].pose;
         if due {
             let (window_m, cell_m) = (self.window_m, self.matcher.cell_m);
-            let carve = self.key_scans.len().is_multiple_of(CARVE_EVERY);
+            let carve = self.written.is_multiple_of(CARVE_EVERY);
             self.particles.par_iter_mut().for_each(|particle| particle.write(&scan, carve, window_m, cell_m));
-            self.key_scans.push(KeyScan {
-                position: self.steps as usize,
-                pose,
-                covariance: std::mem::take(&mut self.doubt),
-                scan: Arc::clone(&scan),
-            });
+            self.written += 1;
         }
+        self.key_scan = due.then(|| KeyScan {
+            frame: self.steps as usize,
+            pose,
+            covariance: std::mem::take(&mut self.doubt)
+                + if std::mem::take(&mut self.is_doubtful) { blunder() } else { Matrix3::zeros() },
+            scan: Arc::clone(&scan),
+        });
         for particle in &mut self.particles {
             particle.trail.push(StampedPose { stamp_s: frame.stamp_s, pose: particle.pose });
         }
@@ -180,24 +189,28 @@ impl RaoBlackwellizedFilter {
         self.particles = chosen.into_iter().map(|index| self.particles[index].clone()).collect();
     }
 
-    /// The scans that went into the map, at the poses of the best particle.
-    #[must_use]
-    pub fn key_scans(&self) -> Vec<KeyScan> {
-        let poses = self.trajectory();
-        self.key_scans.iter().map(|scan| KeyScan { pose: poses[scan.position].pose, ..scan.clone() }).collect()
+    /// The scan that the last step wrote into the maps, if it wrote one, at the pose of the best particle.
+    pub fn take_key_scan(&mut self) -> Option<KeyScan> {
+        self.key_scan.take()
     }
 
     /// The trajectory of the best particle.
     #[must_use]
     pub fn trajectory(&self) -> Vec<StampedPose> {
-        let weights: Vec<f64> = self.particles.iter().map(|particle| particle.log_weight).collect();
-        self.particles[heaviest(&weights)].trail.poses()
+        self.best().trail.poses()
     }
-}
 
-/// Of two covariances the one with the larger trace.
-fn larger(a: Matrix3<f64>, b: Matrix3<f64>) -> Matrix3<f64> {
-    if b.trace() > a.trace() { b } else { a }
+    /// The poses of the best particle from a frame on, counted from 0.
+    #[must_use]
+    pub fn poses_since(&self, frame: usize) -> Vec<Pose2> {
+        let recent = self.best().trail.last((self.steps as usize).saturating_sub(frame));
+        recent.into_iter().map(|stamped| stamped.pose).collect()
+    }
+
+    fn best(&self) -> &Particle {
+        let weights: Vec<f64> = self.particles.iter().map(|particle| particle.log_weight).collect();
+        &self.particles[heaviest(&weights)]
+    }
 }
 
 /// One in this many written scans is used to clear away what is no longer there.
@@ -207,6 +220,11 @@ const DOUBTFUL_INLIER_SHARE: f64 = 0.6;
 /// How far a pose in doubt may be off: standard deviations, metres and radians.
 const BLUNDER_SIGMA_M: f64 = 0.3;
 const BLUNDER_SIGMA_RAD: f64 = 0.15;
+
+/// Covariance of a pose in doubt.
+fn blunder() -> Matrix3<f64> {
+    Matrix3::from_diagonal(&[BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_RAD.powi(2)].into())
+}
 
 /// How a particle's scan fitted its map.
 #[derive(Debug, Clone, Copy)]
@@ -218,18 +236,18 @@ struct Fit {
 }
 
 impl Fit {
-    /// How uncertain the pose is. Where scan and odometry disagreed, or little of the scan lay on
-    /// the map, the optimum may be a wrong one, and its curvature says nothing.
-    fn covariance(&self) -> Matrix3<f64> {
-        let doubtful = self.odometry == OdometryVerdict::Abandoned || self.result.inlier_share < DOUBTFUL_INLIER_SHARE;
-        let blunder = if doubtful {
-            Matrix3::from_diagonal(
-                &[BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_M.powi(2), BLUNDER_SIGMA_RAD.powi(2)].into(),
-            )
-        } else {
-            Matrix3::zeros()
-        };
-        self.result.belief.information.try_inverse().unwrap_or_else(Matrix3::identity) + blunder
+    /// How uncertain the motion since the last written scan is, given how uncertain it was one scan
+    /// ago: the odometry adds to it, and what the scan tells takes away.
+    fn covariance_after(&self, before: &Matrix3<f64>) -> Matrix3<f64> {
+        let moved = before + self.prior.information.try_inverse().unwrap_or_else(Matrix3::identity);
+        let information = moved.try_inverse().unwrap_or_else(Matrix3::identity) + self.result.scan_information;
+        information.try_inverse().unwrap_or_else(Matrix3::identity)
+    }
+
+    /// Whether the optimum may be a wrong one, of which the curvature says nothing: scan and
+    /// odometry disagreed altogether, or little of the scan lay on the map.
+    fn is_doubtful(&self) -> bool {
+        self.odometry == OdometryVerdict::Abandoned || self.result.inlier_share < DOUBTFUL_INLIER_SHARE
     }
 
     /// Logarithm of ∫ p(scan | pose) p(pose | odometry) dpose, by Laplace's method around the optimum.
@@ -393,13 +411,13 @@ mod tests {
         let mut truth = vec![laps(1)[0]; 20];
         truth.extend(laps(1));
         let mut filter = RaoBlackwellizedFilter::new(&config(3));
-        drive(&mut filter, &truth);
-        let (key_scans, trajectory) = (filter.key_scans(), filter.trajectory());
-        assert_eq!(key_scans[0].position, 0);
-        assert!(key_scans[1].position >= 20, "a robot that stands still sees nothing new");
+        let key_scans = key_scans_of(&mut filter, &truth);
+        let trajectory = filter.trajectory();
+        assert_eq!(key_scans[0].frame, 0);
+        assert!(key_scans[1].frame >= 20, "a robot that stands still sees nothing new");
         assert!(key_scans.len() > truth.len() / 2);
         for key_scan in &key_scans {
-            assert_eq!(key_scan.pose, trajectory[key_scan.position].pose);
+            assert_eq!(key_scan.pose, trajectory[key_scan.frame].pose);
             assert!(key_scan.covariance.iter().all(|value| value.is_finite()));
         }
     }

@@ -22,6 +22,10 @@ pub struct LoopClosureConfig {
     /// are compared, metres.
     #[schemars(range(min = 0.0))]
     pub candidate_distance_m: f64,
+    /// Largest number of accounts of the drive that are held for possible while it is not clear which
+    /// of several places that look the same the robot came back to; 1 always bets on the likeliest.
+    #[schemars(range(min = 1, max = 1000))]
+    pub hypotheses: usize,
     /// Standard deviation of the position after one metre of scan matching, metres; grows with the
     /// square root of the path.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
@@ -51,11 +55,12 @@ impl Default for LoopClosureConfig {
             submap_length_m: 4.0,
             candidates: 4,
             candidate_distance_m: 6.0,
-            drift_sigma_m: 0.02,
-            drift_sigma_rad: 0.004,
+            hypotheses: 6,
+            drift_sigma_m: 0.01,
+            drift_sigma_rad: 0.002,
             min_inlier_share: 0.6,
-            closure_sigma_m: 0.01,
-            closure_sigma_rad: 0.002,
+            closure_sigma_m: 0.015,
+            closure_sigma_rad: 0.003,
             refinements: 1,
         }
     }

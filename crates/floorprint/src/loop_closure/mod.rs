@@ -1,16 +1,22 @@
 //! Closing loops: places recognised again put the whole drive right.
 
-mod close_loops;
+mod comparison;
 mod config;
+mod hypothesis;
+mod loop_closer;
 mod refinement;
+mod report;
 mod submap;
 #[cfg(test)]
 mod tests;
 
-pub use close_loops::{ClosedLoops, ClosureReport, Verdict, close_loops};
+pub use comparison::{Atlas, Comparison, Doubt, Placement};
 pub use config::LoopClosureConfig;
+pub use hypothesis::{Closure, Hypothesis};
+pub use loop_closer::{ClosedLoops, LoopCloser};
 pub use refinement::{map_of, refine};
-pub use submap::Submap;
+pub use report::{ClosureReport, Verdict};
+pub use submap::{Link, Submap, SubmapBuilder};
 
 use crate::geometry::Pose2;
 use crate::scan_matcher::SurfaceScan;
@@ -21,27 +27,23 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct KeyScan {
     /// Which of the frames it was, counted from 0.
-    pub position: usize,
+    pub frame: usize,
     /// Pose of the body, world from body.
     pub pose: Pose2,
-    /// Covariance of the pose over (x, y, θ) in the world's axes, given the map it was matched to.
+    /// Covariance of the motion since the key scan before over (x, y, θ) in the world's axes,
+    /// given the map that the scans on the way were matched to.
     pub covariance: Matrix3<f64>,
     /// Its points, in the body's frame.
     pub scan: Arc<SurfaceScan>,
 }
 
-/// The drive's poses after its loops were closed: each pose moves with the submaps around it.
+/// The drive's poses, moved along with those of some of its frames: `anchors` are numbers of frames,
+/// ascending, with the poses that they are to have. In between the correction changes evenly along the path.
 #[must_use]
-pub fn corrected_poses(poses: &[Pose2], key_scans: &[KeyScan], closed: &ClosedLoops) -> Vec<Pose2> {
-    // Corrections hold at the first key scan of each submap; in between they change evenly along the path.
-    let anchors: Vec<(usize, Pose2)> = closed
-        .submaps
-        .iter()
-        .zip(&closed.world_from_submap)
-        .map(|(submap, corrected)| {
-            (key_scans[submap.key_scans.start].position, corrected.compose(&submap.front_end_from_submap.inverse()))
-        })
-        .collect();
+pub fn corrected_poses(poses: &[Pose2], anchors: &[(usize, Pose2)]) -> Vec<Pose2> {
+    let corrections: Vec<(usize, Pose2)> =
+        anchors.iter().map(|&(frame, pose)| (frame, pose.compose(&poses[frame].inverse()))).collect();
+    let anchors = corrections;
     let mut path_m = Vec::with_capacity(poses.len());
     let mut total = 0.0;
     for (index, pose) in poses.iter().enumerate() {

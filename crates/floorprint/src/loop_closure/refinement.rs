@@ -18,7 +18,7 @@ const MIN_INLIER_SHARE: f64 = 0.5;
 pub fn map_of(key_scans: &[KeyScan], poses: &[Pose2], cell_m: f64) -> SurfaceMap {
     let mut map = SurfaceMap::new(cell_m);
     for key_scan in key_scans {
-        map.add_scan(&poses[key_scan.position], &key_scan.scan);
+        map.add_scan(&poses[key_scan.frame], &key_scan.scan);
     }
     map
 }

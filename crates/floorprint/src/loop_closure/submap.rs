@@ -1,63 +1,165 @@
-//! Submaps: pieces of a drive short enough to be right in themselves.
+//! Submaps: pieces of a drive short enough to be right in themselves (Hess et al. 2016).
 
 use super::KeyScan;
 use crate::geometry::Pose2;
-use crate::map::SurfaceMap;
+use crate::map::{Horizon, SurfaceMap};
 use crate::scan_matcher::SurfaceScan;
-use std::ops::Range;
+use nalgebra::Matrix3;
+use std::sync::Arc;
 
-/// Consecutive key scans, in the frame of the first of them.
+/// Points by which a submap is fitted.
+const PROBE_POINTS: usize = 400;
+
+/// What consecutive key scans saw, in the frame of the first of them.
 #[derive(Debug, Clone)]
 pub struct Submap {
-    /// Which key scans.
-    pub key_scans: Range<usize>,
+    /// Which frame the first key scan was, counted from 0.
+    pub first: usize,
+    /// Which frame the key scan half way was.
+    pub middle_frame: usize,
     /// Pose of the first key scan as the front end had it: front end's world from submap.
     pub front_end_from_submap: Pose2,
     /// Pose of the key scan half way, in the submap's frame.
     pub middle: Pose2,
     /// Path from the start of the drive to the start of the submap, metres.
     pub path_m: f64,
+    /// What ties it to the submap before; `None` for the first.
+    pub link: Option<Link>,
+    /// All surfaces, as if seen from the middle; in the submap's frame.
+    pub surfaces: Arc<SurfaceScan>,
+    /// A choice of them by which the submap is looked for and fitted.
+    pub probe: SurfaceScan,
+    /// What the first, the middle and the last key scan had in view, in the submap's frame.
+    pub horizons: [Horizon; 3],
+}
+
+/// The motion from the start of one submap to the start of the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// The newer submap's pose in the older's frame.
+    pub previous_from_submap: Pose2,
+    /// What the matches on the way leave in doubt, over (x, y, θ) in the axes of the newer submap.
+    pub covariance: Matrix3<f64>,
+    /// Length of the path, metres.
+    pub path_m: f64,
+}
+
+/// Cuts a drive into submaps as it goes on.
+#[derive(Debug, Clone)]
+pub struct SubmapBuilder {
+    length_m: f64,
+    cell_m: f64,
+    /// Key scans of the submap in the making.
+    open: Vec<KeyScan>,
+    /// Path from the start of the drive to the first and to the last of them, metres.
+    start_m: f64,
+    path_m: f64,
+    /// What led to the first of them.
+    link: Option<Link>,
+    /// Sum of the covariances since the first of them.
+    covariance: Matrix3<f64>,
+}
+
+impl SubmapBuilder {
+    /// Submaps of `length_m` of path, with surfaces kept in cells of `cell_m`; metres.
+    #[must_use]
+    pub fn new(length_m: f64, cell_m: f64) -> Self {
+        Self {
+            length_m,
+            cell_m,
+            open: Vec::new(),
+            start_m: 0.0,
+            path_m: 0.0,
+            link: None,
+            covariance: Matrix3::zeros(),
+        }
+    }
+
+    /// Takes the next key scan; gives the submap that ends before it.
+    ///
+    /// `poses_since(frame)` are the front end's poses from that frame on, as they are now: which
+    /// particle is the best may have changed since the key scans were taken.
+    pub fn add(&mut self, key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> Option<Submap> {
+        let step_m = self.open.last().map_or(0.0, |last| last.pose.between(&key_scan.pose).distance());
+        self.path_m += step_m;
+        self.covariance += key_scan.covariance;
+        if self.open.is_empty() || self.path_m - self.start_m <= self.length_m {
+            self.open.push(key_scan);
+            return None;
+        }
+        self.open.push(key_scan);
+        let first = self.open[0].frame;
+        let poses = poses_since(first);
+        for scan in &mut self.open {
+            scan.pose = poses.get(scan.frame - first).copied().unwrap_or(scan.pose);
+        }
+        let next = self.open.pop()?;
+        let start_m = self.path_m - step_m;
+        let submap = self.close()?;
+        self.link = Some(Link {
+            previous_from_submap: submap.front_end_from_submap.between(&next.pose),
+            covariance: in_frame_of(&std::mem::take(&mut self.covariance), &next.pose),
+            path_m: (self.path_m - self.start_m).max(start_m - self.start_m),
+        });
+        self.start_m = self.path_m;
+        self.open.push(next);
+        Some(submap)
+    }
+
+    /// The last submap, if any key scan is left.
+    #[must_use]
+    pub fn finish(mut self) -> Option<Submap> {
+        self.close()
+    }
+
+    /// Makes a submap of the open key scans.
+    fn close(&mut self) -> Option<Submap> {
+        let key_scans = std::mem::take(&mut self.open);
+        let first = key_scans.first()?;
+        let half_way = &key_scans[key_scans.len() / 2];
+        let middle = first.pose.between(&half_way.pose);
+        let mut map = SurfaceMap::new(self.cell_m);
+        for scan in &key_scans {
+            map.add_scan(&first.pose.between(&scan.pose), &scan.scan);
+        }
+        let surfaces = SurfaceScan::from_surfaces([middle.x, middle.y], map.surfaces());
+        Some(Submap {
+            first: first.frame,
+            middle_frame: half_way.frame,
+            front_end_from_submap: first.pose,
+            middle,
+            path_m: self.start_m,
+            link: self.link,
+            probe: surfaces.balanced(PROBE_POINTS),
+            surfaces: Arc::new(surfaces),
+            horizons: [first, half_way, &key_scans[key_scans.len() - 1]].map(|scan| scan.horizon_from(&first.pose)),
+        })
+    }
 }
 
 impl Submap {
-    /// Cuts a drive into submaps of `length_m` of path.
+    /// Whether a point of the submap's frame (metres) was in view.
     #[must_use]
-    pub fn cut(key_scans: &[KeyScan], length_m: f64) -> Vec<Self> {
-        let mut submaps = Vec::new();
-        let (mut first, mut path_m, mut start_m) = (0, 0.0, 0.0);
-        for (index, scan) in key_scans.iter().enumerate() {
-            let next_m = key_scans
-                .get(index + 1)
-                .map_or(f64::INFINITY, |next| path_m + scan.pose.between(&next.pose).distance());
-            if next_m - start_m > length_m {
-                submaps.push(Self::new(key_scans, first..index + 1, start_m));
-                (first, start_m) = (index + 1, next_m);
-            }
-            path_m = next_m;
-        }
-        submaps
+    pub fn had_in_view(&self, point_m: [f32; 2]) -> bool {
+        self.horizons.iter().any(|horizon| horizon.reaches(point_m, VIEW_TOLERANCE_M))
     }
+}
 
-    fn new(key_scans: &[KeyScan], range: Range<usize>, path_m: f64) -> Self {
-        let front_end_from_submap = key_scans[range.start].pose;
-        let mut submap = Self { key_scans: range, front_end_from_submap, middle: Pose2::IDENTITY, path_m };
-        submap.middle = front_end_from_submap.between(&key_scans[submap.middle_key_scan()].pose);
-        submap
+impl KeyScan {
+    /// What it had in view, in the frame of a pose.
+    fn horizon_from(&self, pose: &Pose2) -> Horizon {
+        let there = pose.between(&self.pose);
+        let ends = self.scan.iter().map(|(point, _)| there.transform_point(point.map(f64::from)));
+        Horizon::new(there.transform_point(self.scan.origin_m), ends)
     }
+}
 
-    /// The key scan half-way through the submap.
-    #[must_use]
-    pub fn middle_key_scan(&self) -> usize {
-        self.key_scans.start + self.key_scans.len() / 2
-    }
+/// A surface on which rays end is in view although they end a little before it, metres.
+const VIEW_TOLERANCE_M: f32 = 0.2;
 
-    /// All that the submap's key scans saw, as if it were one scan taken from its middle; in its frame.
-    #[must_use]
-    pub fn as_one_scan(&self, key_scans: &[KeyScan], cell_m: f64) -> SurfaceScan {
-        let mut map = SurfaceMap::new(cell_m);
-        for scan in &key_scans[self.key_scans.clone()] {
-            map.add_scan(&self.front_end_from_submap.between(&scan.pose), &scan.scan);
-        }
-        SurfaceScan::from_surfaces([self.middle.x, self.middle.y], map.surfaces())
-    }
+/// A covariance over (x, y, θ) in the world's axes, turned into the axes of a pose.
+pub(super) fn in_frame_of(covariance: &Matrix3<f64>, pose: &Pose2) -> Matrix3<f64> {
+    let (sin, cos) = pose.theta.sin_cos();
+    let turn = Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
+    turn * covariance * turn.transpose()
 }

@@ -3,6 +3,7 @@
 mod cell;
 mod config;
 mod hit_grid;
+mod horizon;
 mod near_cells;
 mod occupancy_grid;
 mod proximity_field;
@@ -14,6 +15,7 @@ mod tile_grid;
 pub use cell::Cell;
 pub use config::MapConfig;
 pub use hit_grid::HitGrid;
+pub use horizon::Horizon;
 pub use occupancy_grid::{Flip, OccupancyGrid};
 pub use proximity_field::ProximityField;
 pub use raster::{Occupancy, Raster};

@@ -6,6 +6,7 @@
 //! GMapping, Grisetti et al. 2007). Matching is one look-up per point.
 
 use super::cell::Cell;
+use super::horizon::Horizon;
 use super::near_cells::{NearCells, REACH_CELLS};
 use super::tile_grid::{TILE_BITS, TILE_CELLS, TileGrid, cell_in_tile, index_in_tile, tile_of};
 use crate::geometry::Pose2;
@@ -130,14 +131,14 @@ impl SurfaceMap {
     /// doors that were opened.
     pub fn carve(&mut self, world_from_body: &Pose2, scan: &SurfaceScan) {
         let origin = world_from_body.transform_point(scan.origin_m);
-        self.contradict(origin, &Horizon::new(origin, in_world(world_from_body, scan).map(|(point, _)| point)));
+        self.contradict(&Horizon::new(origin, in_world(world_from_body, scan).map(|(point, _)| point)));
     }
 
     /// Surfaces that the scan saw through lose trust.
-    fn contradict(&mut self, origin: [f64; 2], horizon: &Horizon) {
-        let reach = CARVE_REACH_M.min(horizon.farthest_m);
+    fn contradict(&mut self, horizon: &Horizon) {
+        let reach = CARVE_REACH_M.min(horizon.farthest_m());
         let corner = |sign: f64| {
-            let point = [origin[0] + sign * reach, origin[1] + sign * reach];
+            let point = horizon.origin_m().map(|v| v + sign * reach);
             tile_of(Cell::containing(point, self.inverse_resolution))
         };
         let (low, high) = (corner(-1.0), corner(1.0));
@@ -147,7 +148,7 @@ impl SurfaceMap {
                 let at = Cell { x, y };
                 let Some(tile) = self.tiles.tile(at) else { continue };
                 for surface in &tile.surfaces {
-                    if horizon.sees_through(surface, origin) {
+                    if sees_through(horizon, surface) {
                         contradicted.push((at, surface.cell));
                     }
                 }
@@ -247,6 +248,27 @@ impl SurfaceMap {
     }
 }
 
+/// Whether a scan cannot have seen as far as it did had the surface been there.
+///
+/// A ray that grazes a wall passes close to much of it without going through it: what
+/// counts is how far behind the surface's own plane the ray ended.
+fn sees_through(horizon: &Horizon, surface: &Surface) -> bool {
+    let ([dx, dy], range_m) = horizon.towards(surface.mean_m);
+    let square = dx * dx + dy * dy;
+    if square > (CARVE_REACH_M * CARVE_REACH_M) as f32 || square < 1e-4 {
+        return false;
+    }
+    let distance = square.sqrt();
+    let beyond = range_m - distance;
+    if beyond <= CONTRADICTION_DEPTH_M {
+        return false;
+    }
+    let [nx, ny] = surface.normal;
+    // Cosine between the ray and the plane's normal.
+    let slant = if surface.flatness > 0.3 { -(nx * dx + ny * dy) / distance } else { 1.0 };
+    beyond * slant > CONTRADICTION_DEPTH_M
+}
+
 /// A scan's points (metres) and normals in the world.
 fn in_world(world_from_body: &Pose2, scan: &SurfaceScan) -> impl Iterator<Item = ([f64; 2], [f32; 2])> {
     let Pose2 { x, y, theta } = *world_from_body;
@@ -273,75 +295,6 @@ fn direction_and_length([x, y]: [f32; 2]) -> ([f32; 2], f32) {
 #[must_use]
 pub fn proximity_of([columns, rows]: [i32; 2]) -> f32 {
     (1.0 - (columns * columns + rows * rows) as f32 / (REACH_CELLS * REACH_CELLS + 1) as f32).max(0.0)
-}
-
-/// How far a scan saw in each direction.
-struct Horizon {
-    /// For each sector the shortest range of the rays next to it, metres; 0 where none is near.
-    range_m: [f32; SECTORS],
-    farthest_m: f64,
-}
-
-/// Directions are told apart this finely.
-const SECTORS: usize = 720;
-/// Rays this many sectors apart leave no gap between them.
-const LARGEST_GAP: usize = 6;
-
-impl Horizon {
-    fn new(origin: [f64; 2], ends: impl Iterator<Item = [f64; 2]>) -> Self {
-        let mut seen = [f32::INFINITY; SECTORS];
-        let mut farthest_m: f64 = 0.0;
-        for end in ends {
-            let (dx, dy) = (end[0] - origin[0], end[1] - origin[1]);
-            let range = dx.hypot(dy);
-            farthest_m = farthest_m.max(range);
-            let sector = &mut seen[sector_of(dx as f32, dy as f32)];
-            *sector = sector.min(range as f32);
-        }
-        // A sector between two rays saw at least as far as the nearer of them.
-        let mut range_m = [0.0; SECTORS];
-        for (sector, range) in range_m.iter_mut().enumerate() {
-            let ahead = (0..=LARGEST_GAP).map(|gap| seen[(sector + gap) % SECTORS]).find(|range| range.is_finite());
-            let behind =
-                (0..=LARGEST_GAP).map(|gap| seen[(sector + SECTORS - gap) % SECTORS]).find(|range| range.is_finite());
-            if let (Some(ahead), Some(behind)) = (ahead, behind) {
-                *range = ahead.min(behind);
-            }
-        }
-        Self { range_m, farthest_m }
-    }
-
-    /// Whether the scan cannot have seen as far as it did had the surface been there.
-    ///
-    /// A ray that grazes a wall passes close to much of it without going through it: what
-    /// counts is how far behind the surface's own plane the ray ended.
-    fn sees_through(&self, surface: &Surface, origin: [f64; 2]) -> bool {
-        let (dx, dy) = (surface.mean_m[0] - origin[0] as f32, surface.mean_m[1] - origin[1] as f32);
-        let square = dx * dx + dy * dy;
-        if square > (CARVE_REACH_M * CARVE_REACH_M) as f32 || square < 1e-4 {
-            return false;
-        }
-        let distance = square.sqrt();
-        let beyond = self.range_m[sector_of(dx, dy)] - distance;
-        if beyond <= CONTRADICTION_DEPTH_M {
-            return false;
-        }
-        let [nx, ny] = surface.normal;
-        // Cosine between the ray and the plane's normal.
-        let slant = if surface.flatness > 0.3 { -(nx * dx + ny * dy) / distance } else { 1.0 };
-        beyond * slant > CONTRADICTION_DEPTH_M
-    }
-}
-
-/// The sector of a direction. Sectors are equal steps of the "diamond angle" |y| / (|x| + |y|):
-/// as good as equal angles for telling directions apart, and without a trigonometric function.
-fn sector_of(dx: f32, dy: f32) -> usize {
-    let length = dx.abs() + dy.abs();
-    if length == 0.0 {
-        return 0;
-    }
-    let quarter_turns = if dx >= 0.0 { 1.0 + dy / length } else { 3.0 - dy / length };
-    ((quarter_turns * (SECTORS / 4) as f32) as usize).min(SECTORS - 1)
 }
 
 #[cfg(test)]

@@ -163,6 +163,14 @@ impl PoseGraph {
         self.between[between_factor].weight = weight;
     }
 
+    /// Sets how a bad fit of a relative measurement is judged.
+    ///
+    /// # Panics
+    /// When there is no such measurement.
+    pub fn set_kernel(&mut self, between_factor: usize, kernel: RobustKernel) {
+        self.between[between_factor].kernel = kernel;
+    }
+
     /// Takes a relative measurement out; the numbers of later ones drop by one.
     ///
     /// # Panics

@@ -89,6 +89,12 @@ pub fn match_scan_against(
     }
 }
 
+/// Share of a scan's points that lie on surfaces of a map at a pose.
+#[must_use]
+pub fn inlier_share(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: &MatcherConfig) -> f64 {
+    linearise(map, scan, pose, config.gate_sigmas, config).inliers / scan.len().max(1) as f64
+}
+
 /// The normal equations at a pose.
 #[derive(Debug, Clone, Copy, Default)]
 struct Linearisation {

@@ -1,5 +1,6 @@
 //! Finding the pose at which a scan fits a map.
 
+mod branch_and_bound;
 mod config;
 mod correlative;
 mod gauss_newton;
@@ -10,8 +11,9 @@ pub(crate) mod synthetic;
 #[cfg(test)]
 mod tests;
 
+pub use branch_and_bound::{Place, PlaceQuery, PlaceSearch};
 pub use config::MatcherConfig;
 pub use correlative::{SearchWindow, search};
-pub use gauss_newton::{MatchResult, PoseBelief, match_scan};
+pub use gauss_newton::{MatchResult, PoseBelief, inlier_share, match_scan};
 pub use locate::{OdometryVerdict, locate};
 pub use surface_scan::SurfaceScan;

@@ -10,6 +10,11 @@ const NEIGHBOURHOOD_M: f32 = 0.12;
 /// At least this many beam spacings are looked at to each side, so that far walls have normals too.
 const NEIGHBOURHOOD_SPACINGS: f32 = 2.5;
 
+/// Directions of normals that are told apart when points are balanced.
+const DIRECTIONS: usize = 16;
+/// Surfaces less flat than this count as having no direction.
+const ROUGH: f32 = 0.3;
+
 /// Points with normals in the body's frame, thinned to about equal distances along the surfaces.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceScan {
@@ -55,7 +60,15 @@ impl SurfaceScan {
             while end < count && within(end) {
                 end += 1;
             }
-            result.push([x, y], sums.normal(begin, end, [origin_x - x, origin_y - y]));
+            let towards = [origin_x - x, origin_y - y];
+            let normal = if end - begin >= 3 {
+                Some(sums.normal(begin, end, towards))
+            } else {
+                normal_of_far_wall(xs, ys, i, range, &sums, towards)
+            };
+            if let Some(normal) = normal {
+                result.push([x, y], normal);
+            }
             let extent = length(xs[end - 1] - xs[begin], ys[end - 1] - ys[begin]);
             let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as usize;
             i = (i + step.max(1)).min(end);
@@ -82,6 +95,48 @@ impl SurfaceScan {
         self.y_m.push(y);
         self.normal_x.push(normal_x);
         self.normal_y.push(normal_y);
+    }
+
+    /// At most about `most` of the points, chosen so that surfaces of all directions have their say
+    /// (normal-space sampling, Rusinkiewicz & Levoy 2001): along a corridor its few recesses and
+    /// corners tell more than its long walls.
+    #[must_use]
+    pub fn balanced(&self, most: usize) -> Self {
+        let mut buckets: Vec<Vec<usize>> = vec![Vec::new(); DIRECTIONS + 1];
+        for (index, (_, [x, y])) in self.iter().enumerate() {
+            let direction = if length(x, y) < ROUGH {
+                DIRECTIONS
+            } else {
+                let turns = f64::from(y.atan2(x)) / std::f64::consts::TAU;
+                ((turns * DIRECTIONS as f64).round() as i64).rem_euclid(DIRECTIONS as i64) as usize
+            };
+            buckets[direction].push(index);
+        }
+        // Small buckets keep all of their points; what they leave is shared among the larger ones.
+        let mut by_size: Vec<usize> = (0..buckets.len()).filter(|&bucket| !buckets[bucket].is_empty()).collect();
+        by_size.sort_by_key(|&bucket| (buckets[bucket].len(), bucket));
+        let mut left = most;
+        let mut chosen = Vec::with_capacity(most + buckets.len());
+        for (done, &bucket) in by_size.iter().enumerate() {
+            let points = &buckets[bucket];
+            let quota = (left / (by_size.len() - done)).clamp(1, points.len());
+            chosen.extend((0..quota).map(|k| points[k * points.len() / quota]));
+            left = left.saturating_sub(quota);
+        }
+        chosen.sort_unstable();
+        let mut result = Self::with_capacity(self.origin_m, chosen.len());
+        for index in chosen {
+            result.push([self.x_m[index], self.y_m[index]], [self.normal_x[index], self.normal_y[index]]);
+        }
+        result
+    }
+
+    /// The points that are wanted, given their places (metres).
+    #[must_use]
+    pub fn filtered(&self, is_wanted: impl Fn([f32; 2]) -> bool) -> Self {
+        let mut result = Self::with_capacity(self.origin_m, self.len());
+        self.iter().filter(|(point, _)| is_wanted(*point)).for_each(|(point, normal)| result.push(point, normal));
+        result
     }
 
     /// The same points as seen from another frame, given that frame's pose in this one.
@@ -126,6 +181,37 @@ fn spacing_for(xs: &[f32], ys: &[f32], config: &MatcherConfig) -> f32 {
     spacing_m.max(surface_m / config.max_points as f32)
 }
 
+/// The normal at a point that stands alone, where it lies on one line with the rays before and
+/// after it: a wall at a graze. Without a normal such points would be taken for objects; as the
+/// robot moves each lies a little farther along the wall, close to where the ray before it was, and so they
+/// would hold the robot back.
+fn normal_of_far_wall(
+    xs: &[f32],
+    ys: &[f32],
+    i: usize,
+    range: f32,
+    sums: &RunningSums,
+    towards: [f32; 2],
+) -> Option<[f32; 2]> {
+    let (begin, end) = (i.saturating_sub(WALL_RAYS), (i + WALL_RAYS + 1).min(xs.len()));
+    let step = |j: usize| length(xs[j] - xs[j - 1], ys[j] - ys[j - 1]);
+    let longest = (begin + 1..end).map(step).fold(0.0, f32::max);
+    if end - begin < WALL_RAYS + 2 || longest > (WALL_STEP_PER_RANGE * range).min(WALL_STEP_M) {
+        return None;
+    }
+    let normal = sums.normal(begin, end, towards);
+    (sums.thickness(begin, end) < WALL_THICKNESS_M + WALL_THICKNESS_PER_RANGE * f64::from(range)).then_some(normal)
+}
+
+/// Rays to either side that must lie on one line.
+const WALL_RAYS: usize = 3;
+/// Largest step from ray to ray on a wall at a graze, metres and as a share of the range.
+const WALL_STEP_M: f32 = 3.0;
+const WALL_STEP_PER_RANGE: f32 = 0.15;
+/// Root mean square distance from that line, metres and as a share of the range.
+const WALL_THICKNESS_M: f64 = 0.02;
+const WALL_THICKNESS_PER_RANGE: f64 = 0.001;
+
 /// Distance to the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
 fn spacing_between_beams(xs: &[f32], ys: &[f32], i: usize, range: f32) -> f32 {
     let to = |j: usize| length(xs[j] - xs[i], ys[j] - ys[i]);
@@ -158,19 +244,28 @@ impl RunningSums {
         Self(sums)
     }
 
-    /// The normal of the line through points `begin..end` on the side of `towards`; its length
-    /// is 1 for points on a line and 0 for points without direction.
-    fn normal(&self, begin: usize, end: usize, towards: [f32; 2]) -> [f32; 2] {
+    /// Root mean square distance of points `begin..end` from the line through them.
+    fn thickness(&self, begin: usize, end: usize) -> f64 {
+        let (xx, xy, yy) = self.spread(begin, end);
+        (0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt()).max(0.0).sqrt()
+    }
+
+    /// Covariance of the coordinates of points `begin..end`.
+    fn spread(&self, begin: usize, end: usize) -> (f64, f64, f64) {
         let count = (end - begin) as f64;
-        if end - begin < 3 {
-            return [0.0, 0.0];
-        }
         let (low, high) = (&self.0[begin], &self.0[end]);
         let mean = |k: usize| (high[k] - low[k]) / count;
         let (mean_x, mean_y) = (mean(0), mean(1));
-        let xx = mean(2) - mean_x * mean_x;
-        let xy = mean(3) - mean_x * mean_y;
-        let yy = mean(4) - mean_y * mean_y;
+        (mean(2) - mean_x * mean_x, mean(3) - mean_x * mean_y, mean(4) - mean_y * mean_y)
+    }
+
+    /// The normal of the line through points `begin..end` on the side of `towards`; its length
+    /// is 1 for points on a line and 0 for points without direction.
+    fn normal(&self, begin: usize, end: usize, towards: [f32; 2]) -> [f32; 2] {
+        if end - begin < 3 {
+            return [0.0, 0.0];
+        }
+        let (xx, xy, yy) = self.spread(begin, end);
         // Eigenvalues of the 2 × 2 covariance.
         let half_trace = 0.5 * (xx + yy);
         let root = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();

@@ -1,0 +1,101 @@
+//! How far a scan saw in each direction.
+
+use std::sync::Arc;
+
+/// The outline of what a scan saw.
+#[derive(Debug, Clone)]
+pub struct Horizon {
+    origin_m: [f64; 2],
+    /// For each sector the shortest range of the rays next to it, metres; 0 where none is near.
+    range_m: Arc<[f32; SECTORS]>,
+    farthest_m: f64,
+}
+
+/// Directions are told apart this finely.
+const SECTORS: usize = 720;
+/// Rays this many sectors apart leave no gap between them.
+const LARGEST_GAP: usize = 6;
+
+impl Horizon {
+    /// The outline of rays from `origin_m` to their `ends`, metres.
+    #[must_use]
+    pub fn new(origin_m: [f64; 2], ends: impl Iterator<Item = [f64; 2]>) -> Self {
+        let mut seen = [f32::INFINITY; SECTORS];
+        let mut farthest_m: f64 = 0.0;
+        for end in ends {
+            let (dx, dy) = (end[0] - origin_m[0], end[1] - origin_m[1]);
+            let range = dx.hypot(dy);
+            farthest_m = farthest_m.max(range);
+            let sector = &mut seen[sector_of(dx as f32, dy as f32)];
+            *sector = sector.min(range as f32);
+        }
+        // A sector between two rays saw at least as far as the nearer of them.
+        let mut range_m = [0.0; SECTORS];
+        for (sector, range) in range_m.iter_mut().enumerate() {
+            let ahead = (0..=LARGEST_GAP).map(|gap| seen[(sector + gap) % SECTORS]).find(|range| range.is_finite());
+            let behind =
+                (0..=LARGEST_GAP).map(|gap| seen[(sector + SECTORS - gap) % SECTORS]).find(|range| range.is_finite());
+            if let (Some(ahead), Some(behind)) = (ahead, behind) {
+                *range = ahead.min(behind);
+            }
+        }
+        Self { origin_m, range_m: Arc::new(range_m), farthest_m }
+    }
+
+    /// Where the rays begin, metres.
+    #[must_use]
+    pub fn origin_m(&self) -> [f64; 2] {
+        self.origin_m
+    }
+
+    /// Length of the longest ray, metres.
+    #[must_use]
+    pub fn farthest_m(&self) -> f64 {
+        self.farthest_m
+    }
+
+    /// The way to a point, and how far the scan saw in that direction; metres.
+    #[inline]
+    #[must_use]
+    pub fn towards(&self, point_m: [f32; 2]) -> ([f32; 2], f32) {
+        let [dx, dy] = [0, 1].map(|axis| point_m[axis] - self.origin_m[axis] as f32);
+        ([dx, dy], self.range_m[sector_of(dx, dy)])
+    }
+
+    /// Whether the scan saw as far as a point, but for `tolerance_m`.
+    #[inline]
+    #[must_use]
+    pub fn reaches(&self, point_m: [f32; 2], tolerance_m: f32) -> bool {
+        let ([dx, dy], range_m) = self.towards(point_m);
+        let seen_m = range_m + tolerance_m;
+        range_m > 0.0 && dx * dx + dy * dy <= seen_m * seen_m
+    }
+}
+
+/// The sector of a direction. Sectors are equal steps of the "diamond angle" |y| / (|x| + |y|):
+/// as good as equal angles for telling directions apart, and without a trigonometric function.
+fn sector_of(dx: f32, dy: f32) -> usize {
+    let length = dx.abs() + dy.abs();
+    if length == 0.0 {
+        return 0;
+    }
+    let quarter_turns = if dx >= 0.0 { 1.0 + dy / length } else { 3.0 - dy / length };
+    ((quarter_turns * (SECTORS / 4) as f32) as usize).min(SECTORS - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scan_reaches_what_lies_before_its_ends_and_nothing_where_it_has_no_rays() {
+        let ends = (-90..=90).map(|degree| {
+            let angle = f64::from(degree).to_radians();
+            [1.0 + 5.0 * angle.cos(), 2.0 + 5.0 * angle.sin()]
+        });
+        let horizon = Horizon::new([1.0, 2.0], ends);
+        assert!((horizon.farthest_m() - 5.0).abs() < 1e-9);
+        assert!(horizon.reaches([4.0, 3.0], 0.0) && horizon.reaches([6.1, 2.0], 0.2));
+        assert!(!horizon.reaches([6.3, 2.0], 0.2) && !horizon.reaches([-1.0, 2.0], 0.2));
+    }
+}

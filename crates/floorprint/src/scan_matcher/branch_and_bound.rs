@@ -1,0 +1,374 @@
+//! The best places of a scan on a map within a large window, found without looking at all of
+//! them: branch and bound over a pyramid of grids (Olson 2015; Hess et al. 2016).
+//!
+//! A block of 2^h × 2^h neighbouring offsets cannot score more than its points score on a grid
+//! in which each cell holds the largest value of all cells that the block's offsets can reach.
+//! Blocks that cannot beat what is known are left out whole; the result is that of the
+//! exhaustive search.
+
+use super::correlative::SearchWindow;
+use super::surface_scan::SurfaceScan;
+use crate::geometry::{Pose2, wrap_angle};
+
+/// Side of a cell of the finest grid, metres: also the step of the search in x and y.
+const CELL_M: f64 = 0.1;
+/// Base-2 logarithm of the side, in cells, of the largest block of offsets.
+const TOP_LEVEL: usize = 5;
+/// Surfaces and points farther from the middle than this are left out, metres.
+const REACH_M: f64 = 25.0;
+/// Points of the scan that are looked up.
+const POINTS: usize = 160;
+/// Value of a cell that holds a surface, and of those next to one.
+const ON_SURFACE: u8 = 4;
+const NEAR_SURFACE: u8 = 3;
+const AT_CORNER: u8 = 2;
+/// The step in heading moves a point that is farther away than three quarters of the others by a cell.
+const FAR_QUANTILE: f64 = 0.75;
+/// Bounds of that step, radians.
+const STEP_RAD: [f64; 2] = [0.005, 0.05];
+/// Places nearer to each other than this count as one, metres and radians.
+const SAME_PLACE_M: f64 = 0.6;
+const SAME_PLACE_RAD: f64 = 0.15;
+
+/// What a search looks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaceQuery {
+    /// The poses to look at.
+    pub window: SearchWindow,
+    /// Places that score less are not found; 1 is a perfect fit.
+    pub min_score: f64,
+    /// Places that score less than the best by more than this are not found.
+    pub margin: f64,
+    /// Largest number of places.
+    pub most: usize,
+    /// Blocks that are looked at, at most: what bounds the work.
+    pub max_blocks: usize,
+}
+
+/// A place where a scan fits, coarsely.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Pose of the scan on the map.
+    pub pose: Pose2,
+    /// Mean value of the points, from 0 to 1.
+    pub score: f64,
+}
+
+/// A map as a pyramid of grids of which each holds the largest values of the one below.
+#[derive(Debug, Clone)]
+pub struct PlaceSearch {
+    /// Cell coordinates of the grids' first cell.
+    first: [i32; 2],
+    /// `levels[h]` bounds blocks of 2^h × 2^h offsets.
+    levels: Vec<Grid>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Grid {
+    columns: i32,
+    rows: i32,
+    cells: Vec<u8>,
+}
+
+impl Grid {
+    fn new(columns: i32, rows: i32) -> Self {
+        Self { columns, rows, cells: vec![0; (columns * rows) as usize] }
+    }
+
+    /// The value of a cell; 0 outside.
+    #[inline]
+    fn at(&self, x: i32, y: i32) -> u8 {
+        if (x as u32) < self.columns as u32 && (y as u32) < self.rows as u32 {
+            self.cells[(y * self.columns + x) as usize]
+        } else {
+            0
+        }
+    }
+
+    fn raise(&mut self, x: i32, y: i32, value: u8) {
+        if (x as u32) < self.columns as u32 && (y as u32) < self.rows as u32 {
+            let cell = &mut self.cells[(y * self.columns + x) as usize];
+            *cell = value.max(*cell);
+        }
+    }
+
+    /// A grid whose every cell holds the largest of the `span` × `span` cells that begin `stride` times as far.
+    fn pooled(&self, stride: i32, span: i32) -> Self {
+        let mut result = Self::new(self.columns.div_euclid(stride) + 1, self.rows.div_euclid(stride) + 1);
+        for y in 0..result.rows {
+            for x in 0..result.columns {
+                let mut largest = 0;
+                for dy in 0..span {
+                    for dx in 0..span {
+                        largest = largest.max(self.at(x * stride + dx, y * stride + dy));
+                    }
+                }
+                result.cells[(y * result.columns + x) as usize] = largest;
+            }
+        }
+        result
+    }
+}
+
+/// A block of offsets at one heading.
+#[derive(Debug, Clone, Copy)]
+struct Block {
+    heading: usize,
+    level: usize,
+    /// Smallest offset of the block, cells.
+    offset: [i32; 2],
+    /// No offset of the block scores more.
+    bound: u32,
+}
+
+impl PlaceSearch {
+    /// The surfaces of a map, given as if seen from its middle.
+    #[must_use]
+    pub fn new(surfaces: &SurfaceScan) -> Self {
+        let [middle_x, middle_y] = surfaces.origin_m;
+        let near = |x: f64, y: f64| (x - middle_x).abs() < REACH_M && (y - middle_y).abs() < REACH_M;
+        let cells: Vec<[i32; 2]> = surfaces
+            .iter()
+            .map(|(point, _)| point.map(f64::from))
+            .filter(|&[x, y]| near(x, y))
+            .map(|point| point.map(|v| (v / CELL_M).floor() as i32))
+            .collect();
+        let low = |axis: usize| cells.iter().map(|cell| cell[axis]).min().unwrap_or(0) - 1;
+        let high = |axis: usize| cells.iter().map(|cell| cell[axis]).max().unwrap_or(0) + 1;
+        let first = [low(0), low(1)];
+        let mut finest = Grid::new(high(0) - first[0] + 1, high(1) - first[1] + 1);
+        for [x, y] in cells {
+            let (x, y) = (x - first[0], y - first[1]);
+            for (dx, dy) in [(-1, -1), (1, -1), (-1, 1), (1, 1)] {
+                finest.raise(x + dx, y + dy, AT_CORNER);
+            }
+            for (dx, dy) in [(0, -1), (-1, 0), (1, 0), (0, 1)] {
+                finest.raise(x + dx, y + dy, NEAR_SURFACE);
+            }
+            finest.raise(x, y, ON_SURFACE);
+        }
+        let mut levels = Vec::with_capacity(TOP_LEVEL + 1);
+        // Pooled without overlap each level follows from the one before; a block of offsets straddles two cells a side.
+        let mut without_overlap = finest.clone();
+        levels.push(finest);
+        for _ in 0..TOP_LEVEL {
+            without_overlap = without_overlap.pooled(2, 2);
+            levels.push(without_overlap.pooled(1, 2));
+        }
+        Self { first, levels }
+    }
+
+    /// The best places of `scan` around `center`, best first, each apart from the others. `None`
+    /// when the search would take too long.
+    #[must_use]
+    pub fn find(&self, scan: &SurfaceScan, center: &Pose2, query: &PlaceQuery) -> Option<Vec<Place>> {
+        let points = self.points_of(scan);
+        if points.is_empty() {
+            return Some(Vec::new());
+        }
+        let full_score = f64::from(ON_SURFACE) * points.len() as f64;
+        let step_rad = step_rad(&points);
+        let turns = (query.window.angle_rad / step_rad).ceil() as i32;
+        let headings: Vec<f64> = (-turns..=turns).map(|turn| center.theta + f64::from(turn) * step_rad).collect();
+        let rotated: Vec<Vec<[i32; 2]>> = headings.iter().map(|&theta| self.cells_at(&points, center, theta)).collect();
+        let radius = (query.window.distance_m / CELL_M).ceil() as i32;
+        let mut blocks_left = query.max_blocks;
+        let roots = self.roots(&rotated, radius, &mut blocks_left)?;
+
+        let mut found: Vec<Place> = Vec::new();
+        let mut least = (query.min_score * full_score).ceil() as u32;
+        while found.len() < query.most {
+            let pose_of = |block: &Block| {
+                let [x, y] = block.offset.map(|cells| f64::from(cells) * CELL_M);
+                Pose2::new(center.x + x, center.y + y, headings[block.heading])
+            };
+            // A block that lies within the neighbourhood of a place that was found holds nothing new.
+            let is_new = |block: &Block| {
+                let last = (1 << block.level) - 1;
+                found.iter().all(|place| {
+                    [[0, 0], [last, 0], [0, last], [last, last]].iter().any(|[x, y]| {
+                        let corner = Block { offset: [block.offset[0] + x, block.offset[1] + y], ..*block };
+                        is_elsewhere(&place.pose, &pose_of(&corner))
+                    })
+                })
+            };
+            let Some(best) = self.best(&roots, &rotated, radius, least, is_new, &mut blocks_left)? else { break };
+            let score = f64::from(best.bound) / full_score;
+            if found.is_empty() {
+                least = least.max(((score - query.margin) * full_score).ceil().max(0.0) as u32);
+            }
+            found.push(Place { pose: pose_of(&best), score });
+        }
+        Some(found)
+    }
+
+    /// Up to [`POINTS`] points of a scan that are not too far off.
+    fn points_of(&self, scan: &SurfaceScan) -> Vec<[f64; 2]> {
+        let near: Vec<[f64; 2]> = scan
+            .iter()
+            .map(|(point, _)| point.map(f64::from))
+            .filter(|[x, y]| (x - scan.origin_m[0]).hypot(y - scan.origin_m[1]) < REACH_M)
+            .collect();
+        let stride = near.len().div_ceil(POINTS).max(1);
+        near.into_iter().step_by(stride).collect()
+    }
+
+    /// The cells of points turned to a heading, relative to the grids' first.
+    fn cells_at(&self, points: &[[f64; 2]], center: &Pose2, theta: f64) -> Vec<[i32; 2]> {
+        let (sin, cos) = theta.sin_cos();
+        let cell = |v: f64, axis: usize| (v / CELL_M).floor() as i32 - self.first[axis];
+        points
+            .iter()
+            .map(|[x, y]| [cell(center.x + cos * x - sin * y, 0), cell(center.y + sin * x + cos * y, 1)])
+            .collect()
+    }
+
+    /// Blocks of the largest size that cover the window at every heading, the most promising first.
+    fn roots(&self, rotated: &[Vec<[i32; 2]>], radius: i32, blocks_left: &mut usize) -> Option<Vec<Block>> {
+        let level = (0..TOP_LEVEL).find(|&level| 1 << level > 2 * radius).unwrap_or(TOP_LEVEL);
+        let mut roots = Vec::new();
+        for (heading, cells) in rotated.iter().enumerate() {
+            for y in (-radius..=radius).step_by(1 << level) {
+                for x in (-radius..=radius).step_by(1 << level) {
+                    *blocks_left = blocks_left.checked_sub(1)?;
+                    roots.push(Block { heading, level, offset: [x, y], bound: self.bound(cells, level, [x, y]) });
+                }
+            }
+        }
+        roots.sort_by_key(|block| std::cmp::Reverse(block.bound));
+        Some(roots)
+    }
+
+    /// The best single offset that scores at least `least` and is wanted. `None` outside when the work would be too much.
+    fn best(
+        &self,
+        roots: &[Block],
+        rotated: &[Vec<[i32; 2]>],
+        radius: i32,
+        least: u32,
+        is_wanted: impl Fn(&Block) -> bool,
+        blocks_left: &mut usize,
+    ) -> Option<Option<Block>> {
+        let mut best: Option<Block> = None;
+        let mut stack: Vec<Block> = Vec::new();
+        for root in roots {
+            stack.push(*root);
+            while let Some(block) = stack.pop() {
+                if block.bound < best.as_ref().map_or(least, |best| best.bound + 1) || !is_wanted(&block) {
+                    continue;
+                }
+                if block.level == 0 {
+                    best = Some(block);
+                    continue;
+                }
+                let (level, half) = (block.level - 1, 1 << (block.level - 1));
+                let first_child = stack.len();
+                for [dx, dy] in [[0, 0], [half, 0], [0, half], [half, half]] {
+                    let offset = [block.offset[0] + dx, block.offset[1] + dy];
+                    if offset[0] > radius || offset[1] > radius {
+                        continue;
+                    }
+                    *blocks_left = blocks_left.checked_sub(1)?;
+                    stack.push(Block { level, offset, bound: self.bound(&rotated[block.heading], level, offset), ..block });
+                }
+                // The most promising child is taken from the stack first.
+                stack[first_child..].sort_by_key(|block| block.bound);
+            }
+        }
+        Some(best)
+    }
+
+    /// What the points score at most at any offset of a block.
+    #[inline]
+    fn bound(&self, cells: &[[i32; 2]], level: usize, offset: [i32; 2]) -> u32 {
+        let grid = &self.levels[level];
+        cells.iter().map(|[x, y]| u32::from(grid.at((x + offset[0]) >> level, (y + offset[1]) >> level))).sum()
+    }
+}
+
+/// The step in heading at which few points move by more than a cell.
+fn step_rad(points: &[[f64; 2]]) -> f64 {
+    let mut ranges: Vec<f64> = points.iter().map(|[x, y]| x.hypot(*y)).collect();
+    let far = (FAR_QUANTILE * (ranges.len() - 1) as f64) as usize;
+    let (_, far_m, _) = ranges.select_nth_unstable_by(far, f64::total_cmp);
+    (CELL_M / far_m.max(CELL_M)).clamp(STEP_RAD[0], STEP_RAD[1])
+}
+
+fn is_elsewhere(a: &Pose2, b: &Pose2) -> bool {
+    (a.x - b.x).hypot(a.y - b.y) > SAME_PLACE_M || wrap_angle(a.theta - b.theta).abs() > SAME_PLACE_RAD
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan_matcher::MatcherConfig;
+    use crate::scan_matcher::synthetic::Walls;
+    use proptest::prelude::*;
+
+    fn scan_of(points: &[(f32, f32)]) -> SurfaceScan {
+        let mut scan = crate::frame::BodyScan::default();
+        points.iter().for_each(|&(x, y)| scan.hits.push(x, y));
+        SurfaceScan::new(&scan, &MatcherConfig { point_spacing_m: 0.0, max_points: 100_000, ..MatcherConfig::default() })
+    }
+
+    fn query(distance_m: f64, angle_rad: f64) -> PlaceQuery {
+        PlaceQuery {
+            window: SearchWindow { distance_m, angle_rad },
+            min_score: 0.1,
+            margin: 1.0,
+            most: 1,
+            max_blocks: usize::MAX,
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+        #[test]
+        fn the_best_place_is_the_one_that_an_exhaustive_search_finds(
+            map in prop::collection::vec((-3.0..3.0_f32, -3.0..3.0_f32), 5..80),
+            scan in prop::collection::vec((-3.0..3.0_f32, -3.0..3.0_f32), 5..40),
+            radius in 1..24_i32,
+        ) {
+            let (search, scan) = (PlaceSearch::new(&scan_of(&map)), scan_of(&scan));
+            let found = search.find(&scan, &Pose2::IDENTITY, &query(f64::from(radius) * CELL_M - 0.01, 0.0)).unwrap();
+            let points = search.points_of(&scan);
+            let cells = search.cells_at(&points, &Pose2::IDENTITY, 0.0);
+            let best = (-radius..=radius)
+                .flat_map(|y| (-radius..=radius).map(move |x| [x, y]))
+                .map(|offset| search.bound(&cells, 0, offset))
+                .max()
+                .unwrap();
+            let score = f64::from(best) / (f64::from(ON_SURFACE) * points.len() as f64);
+            prop_assert_eq!(found.first().map_or(0.0, |place| place.score), if score >= 0.1 { score } else { 0.0 });
+        }
+    }
+
+    #[test]
+    fn a_scan_taken_elsewhere_is_found_where_it_was_taken() {
+        let room = Walls::room();
+        let map = SurfaceScan::new(&room.scan_from(&Pose2::IDENTITY, 720), &MatcherConfig::default());
+        let there = Pose2::new(0.8, -0.6, 2.3);
+        let scan = SurfaceScan::new(&room.scan_from(&there, 720), &MatcherConfig::default());
+        let search = PlaceSearch::new(&map);
+        let found = search.find(&scan, &Pose2::IDENTITY, &PlaceQuery { most: 3, margin: 0.1, ..query(2.0, 3.2) }).unwrap();
+        assert!(found[0].score > 0.8);
+        let error = there.between(&found[0].pose);
+        assert!(error.distance() < 0.2 && error.theta.abs() < 0.06, "{found:?}");
+        for (index, place) in found.iter().enumerate() {
+            assert!(found[..index].iter().all(|better| is_elsewhere(&better.pose, &place.pose)));
+            assert!(found[..index].iter().all(|better| better.score >= place.score));
+        }
+    }
+
+    #[test]
+    fn a_row_of_equal_pillars_has_as_many_places() {
+        let pillar = |x: f32| (0..12).map(move |k| (x + 0.3 * (k as f32 * 0.5).cos(), 0.3 * (k as f32 * 0.5).sin()));
+        let map: Vec<(f32, f32)> = [-4.0, -2.0, 0.0, 2.0, 4.0].into_iter().flat_map(pillar).collect();
+        let scan: Vec<(f32, f32)> = pillar(0.0).collect();
+        let search = PlaceSearch::new(&scan_of(&map));
+        let many = PlaceQuery { most: 10, margin: 0.1, ..query(4.5, 0.0) };
+        assert_eq!(search.find(&scan_of(&scan), &Pose2::IDENTITY, &many).unwrap().len(), 5);
+        let no_time = PlaceQuery { max_blocks: 10, ..many };
+        assert_eq!(search.find(&scan_of(&scan), &Pose2::IDENTITY, &no_time), None);
+    }
+}
