@@ -150,9 +150,7 @@ impl LoopCloser {
         }
         let mut hypotheses: Vec<Hypothesis> = std::mem::take(&mut self.hypotheses)
             .into_iter()
-            .flat_map(|hypothesis| {
-                hypothesis.decide(&self.submaps, job.newer, comparisons, job.first, &self.config)
-            })
+            .flat_map(|hypothesis| hypothesis.decide(&self.submaps, job.newer, comparisons, job.first, &self.config))
             .collect();
         hypotheses.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
         let least = hypotheses[0].log_weight - GIVEN_UP;
@@ -164,7 +162,16 @@ impl LoopCloser {
                 self.hypotheses.push(hypothesis);
             }
         }
-        if std::env::var("LCDEBUG").is_ok() { eprintln!("{}: {:?}", job.newer, self.hypotheses.iter().map(|h| (format!("{:.1}", h.log_weight), h.closures().len(), h.debug())).collect::<Vec<_>>()); }
+        if std::env::var("LCDEBUG").is_ok() {
+            eprintln!(
+                "{}: {:?}",
+                job.newer,
+                self.hypotheses
+                    .iter()
+                    .map(|h| (format!("{:.1}", h.log_weight), h.closures().len(), h.debug()))
+                    .collect::<Vec<_>>()
+            );
+        }
         let heaviest = self.hypotheses[0].log_weight;
         for hypothesis in &mut self.hypotheses {
             hypothesis.log_weight -= heaviest;
@@ -224,7 +231,10 @@ impl LoopCloser {
             .map(|(comparison, (placement, verdict))| {
                 let placement = &comparison.placements[placement];
                 let [older, newer] = [comparison.older, comparison.newer].map(|index| &self.submaps[index]);
-                let correction = comparison.expected.compose(&newer.middle).between(&placement.older_from_newer.compose(&newer.middle));
+                let correction = comparison
+                    .expected
+                    .compose(&newer.middle)
+                    .between(&placement.older_from_newer.compose(&newer.middle));
                 ClosureReport {
                     older: comparison.older,
                     newer: comparison.newer,
@@ -235,7 +245,11 @@ impl LoopCloser {
                     inlier_shares: placement.inlier_shares,
                     overlap_shares: placement.overlap_shares,
                     placements: comparison.placements.iter().filter(|placement| placement.fits()).count(),
-                    middle_from_middle: older.middle.inverse().compose(&placement.older_from_newer).compose(&newer.middle),
+                    middle_from_middle: older
+                        .middle
+                        .inverse()
+                        .compose(&placement.older_from_newer)
+                        .compose(&newer.middle),
                     verdict,
                 }
             })
