@@ -167,8 +167,8 @@ mod tests {
 
         #[test]
         fn the_next_number_is_the_next_token_s(text in r"[ ,]{0,2}(-?[0-9]{0,18}\.?[0-9]{0,4}(e-?[0-9])?[ ,x]){1,4}") {
-            let (mut numbers, mut tokens) = (Tokens::new(text.as_bytes()), Tokens::new(text.as_bytes()));
-            while let Some(token) = tokens.next() {
+            let (mut numbers, tokens) = (Tokens::new(text.as_bytes()), Tokens::new(text.as_bytes()));
+            for token in tokens {
                 prop_assert_eq!(numbers.number(), parse_f64(token));
             }
             prop_assert_eq!(numbers.number(), None);

@@ -10,7 +10,8 @@ use super::{LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::SurfaceMap;
 use crate::scan_matcher::{
-    MatchResult, MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, SurfaceScan, inlier_share, match_scan,
+    MatchResult, MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, SurfaceScan, inlier_share,
+    match_scan,
 };
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;

@@ -119,7 +119,8 @@ impl Hypothesis {
         let Some(link) = &submap.link else {
             self.graph.add_node(submap.front_end_from_submap);
             let world_from_node = submap.front_end_from_submap;
-            let _ = self.graph.add_prior(PriorFactor { node: 0, world_from_node, information: Matrix3::identity() * 1e8 });
+            let _ =
+                self.graph.add_prior(PriorFactor { node: 0, world_from_node, information: Matrix3::identity() * 1e8 });
             return;
         };
         let before = self.graph.poses().len() - 1;
@@ -236,9 +237,8 @@ impl Hypothesis {
         for (number, comparison) in comparisons.iter().enumerate() {
             let doubt = doubts[comparison.older];
             for (index, placement) in comparison.placements.iter().enumerate().filter(|(_, p)| p.fits()) {
-                let world_from_middle = self.poses()[comparison.older]
-                    .compose(&placement.older_from_newer)
-                    .compose(&submaps[newer].middle);
+                let world_from_middle =
+                    self.poses()[comparison.older].compose(&placement.older_from_newer).compose(&submaps[newer].middle);
                 let shift = thought.between(&world_from_middle);
                 if shift.distance() < 3.0 * doubt.sigma_m + ROUTINE_M
                     && wrap_angle(shift.theta).abs() < 3.0 * doubt.sigma_rad + 2.0 * ROUTINE_RAD

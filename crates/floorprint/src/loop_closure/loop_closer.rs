@@ -150,9 +150,7 @@ impl LoopCloser {
         }
         let mut hypotheses: Vec<Hypothesis> = std::mem::take(&mut self.hypotheses)
             .into_iter()
-            .flat_map(|hypothesis| {
-                hypothesis.decide(&self.submaps, job.newer, comparisons, job.first, &self.config)
-            })
+            .flat_map(|hypothesis| hypothesis.decide(&self.submaps, job.newer, comparisons, job.first, &self.config))
             .collect();
         hypotheses.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
         let least = hypotheses[0].log_weight - GIVEN_UP;
@@ -223,7 +221,10 @@ impl LoopCloser {
             .map(|(comparison, (placement, verdict))| {
                 let placement = &comparison.placements[placement];
                 let [older, newer] = [comparison.older, comparison.newer].map(|index| &self.submaps[index]);
-                let correction = comparison.expected.compose(&newer.middle).between(&placement.older_from_newer.compose(&newer.middle));
+                let correction = comparison
+                    .expected
+                    .compose(&newer.middle)
+                    .between(&placement.older_from_newer.compose(&newer.middle));
                 ClosureReport {
                     older: comparison.older,
                     newer: comparison.newer,
@@ -234,7 +235,11 @@ impl LoopCloser {
                     inlier_shares: placement.inlier_shares,
                     overlap_shares: placement.overlap_shares,
                     placements: comparison.placements.iter().filter(|placement| placement.fits()).count(),
-                    middle_from_middle: older.middle.inverse().compose(&placement.older_from_newer).compose(&newer.middle),
+                    middle_from_middle: older
+                        .middle
+                        .inverse()
+                        .compose(&placement.older_from_newer)
+                        .compose(&newer.middle),
                     verdict,
                 }
             })

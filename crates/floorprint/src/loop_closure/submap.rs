@@ -64,15 +64,7 @@ impl SubmapBuilder {
     /// Submaps of `length_m` of path, with surfaces kept in cells of `cell_m`; metres.
     #[must_use]
     pub fn new(length_m: f64, cell_m: f64) -> Self {
-        Self {
-            length_m,
-            cell_m,
-            open: Vec::new(),
-            start_m: 0.0,
-            path_m: 0.0,
-            link: None,
-            covariance: Matrix3::zeros(),
-        }
+        Self { length_m, cell_m, open: Vec::new(), start_m: 0.0, path_m: 0.0, link: None, covariance: Matrix3::zeros() }
     }
 
     /// Takes the next key scan; gives the submap that ends before it.

@@ -269,7 +269,12 @@ impl PlaceSearch {
                         continue;
                     }
                     *blocks_left = blocks_left.checked_sub(1)?;
-                    stack.push(Block { level, offset, bound: self.bound(&rotated[block.heading], level, offset), ..block });
+                    stack.push(Block {
+                        level,
+                        offset,
+                        bound: self.bound(&rotated[block.heading], level, offset),
+                        ..block
+                    });
                 }
                 // The most promising child is taken from the stack first.
                 stack[first_child..].sort_by_key(|block| block.bound);
@@ -308,7 +313,10 @@ mod tests {
     fn scan_of(points: &[(f32, f32)]) -> SurfaceScan {
         let mut scan = crate::frame::BodyScan::default();
         points.iter().for_each(|&(x, y)| scan.hits.push(x, y));
-        SurfaceScan::new(&scan, &MatcherConfig { point_spacing_m: 0.0, max_points: 100_000, ..MatcherConfig::default() })
+        SurfaceScan::new(
+            &scan,
+            &MatcherConfig { point_spacing_m: 0.0, max_points: 100_000, ..MatcherConfig::default() },
+        )
     }
 
     fn query(distance_m: f64, angle_rad: f64) -> PlaceQuery {
@@ -350,7 +358,8 @@ mod tests {
         let there = Pose2::new(0.8, -0.6, 2.3);
         let scan = SurfaceScan::new(&room.scan_from(&there, 720), &MatcherConfig::default());
         let search = PlaceSearch::new(&map);
-        let found = search.find(&scan, &Pose2::IDENTITY, &PlaceQuery { most: 3, margin: 0.1, ..query(2.0, 3.2) }).unwrap();
+        let found =
+            search.find(&scan, &Pose2::IDENTITY, &PlaceQuery { most: 3, margin: 0.1, ..query(2.0, 3.2) }).unwrap();
         assert!(found[0].score > 0.8);
         let error = there.between(&found[0].pose);
         assert!(error.distance() < 0.2 && error.theta.abs() < 0.06, "{found:?}");

@@ -7,6 +7,7 @@
 use super::SurfaceScan;
 use crate::geometry::Pose2;
 use crate::map::{Cell, ProximityField, SurfaceMap};
+use std::cmp::Reverse;
 
 /// The poses to look at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,7 +69,7 @@ pub fn search(map: &SurfaceMap, scan: &SurfaceScan, center: &Pose2, window: Sear
         let [dx, dy] = at.map(|shift| f64::from(shift) * step_m);
         best_of_heading.push((best, Pose2::new(center.x + dx, center.y + dy, theta)));
     }
-    best_of_heading.sort_by(|a, b| b.0.cmp(&a.0));
+    best_of_heading.sort_by_key(|&(score, _)| Reverse(score));
     best_of_heading.into_iter().take(count).map(|(_, pose)| pose).collect()
 }
 

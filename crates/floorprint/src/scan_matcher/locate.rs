@@ -12,7 +12,10 @@ const TRUSTED_SIGMAS: f64 = 3.0;
 const CANDIDATES: usize = 4;
 /// Fewer points than this fit almost anywhere; they are no reason to doubt the odometry.
 const POINTS_TO_SEARCH: usize = 30;
-/// A search stops widening once this share of the points lies on the map.
+/// A search is widened to all headings only if less than this share of the points lies on the map at the
+/// prediction: the robot is lost then. More is no reason, for a corridor fits as well the other way round.
+const LOST: f64 = 0.45;
+/// Nor is it widened once this share of the points lies on the map.
 const GOOD_ENOUGH: f64 = 0.6;
 /// The scan overrules the odometry only if this much more of it fits elsewhere. Less is no proof:
 /// where much of what is seen is new, a wrong pose along a corridor gains as much by chance.
@@ -60,7 +63,7 @@ pub fn locate(
                 best = found;
             }
         }
-        if best.inlier_share > GOOD_ENOUGH {
+        if predicted.inlier_share > LOST || best.inlier_share > GOOD_ENOUGH {
             break;
         }
     }

@@ -89,6 +89,7 @@ impl SurfaceScan {
         Self { origin_m, x_m: column(), y_m: column(), normal_x: column(), normal_y: column() }
     }
 
+    #[inline]
     fn push(&mut self, [x, y]: [f32; 2], [normal_x, normal_y]: [f32; 2]) {
         self.x_m.push(x);
         self.y_m.push(y);

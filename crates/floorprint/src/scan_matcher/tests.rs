@@ -125,6 +125,25 @@ fn a_handful_of_points_does_not_overrule_the_odometry() {
     assert!(verdict == OdometryVerdict::Confirmed && prior.pose.between(&found.belief.pose).distance() < 0.05);
 }
 
+/// A corridor that was seen up to a corner: half of what lies behind is new, and the other way round all would fit.
+#[test]
+fn a_corridor_is_not_taken_the_other_way_round_for_what_is_new_in_it() {
+    let config = MatcherConfig::default();
+    let along =
+        |from: f32, to: f32, y: f32| (0..=((to - from) / 0.02) as i32).map(move |k| [from + 0.02 * k as f32, y]);
+    let walls = |points: &mut dyn Iterator<Item = [f32; 2]>| {
+        let mut scan = BodyScan::default();
+        points.for_each(|[x, y]| scan.hits.push(x, y));
+        SurfaceScan::new(&scan, &config)
+    };
+    let mut map = SurfaceMap::new(config.cell_m);
+    map.add_scan(&Pose2::IDENTITY, &walls(&mut along(-6.0, 2.0, -1.0).chain(along(-6.0, 2.0, 1.0))));
+    let scan = walls(&mut along(-1.5, 6.3, -1.0).chain(along(-1.5, 6.3, 1.0)));
+    let (found, verdict) = locate(&map, &scan, &belief(Pose2::IDENTITY, 0.03, 0.03), &config);
+    assert!(found.inlier_share < config.search_below_inlier_share, "the test needs something new: {found:?}");
+    assert!(verdict == OdometryVerdict::Confirmed && found.belief.pose.theta.abs() < 0.05, "{:?}", found.belief.pose);
+}
+
 #[test]
 fn the_two_sides_of_a_thin_wall_are_told_apart() {
     let wall = Walls::default().with_box([0.0, -1.0], [30.0, 2.0]);
