@@ -252,7 +252,7 @@ impl FilterSummary {
         let mean =
             |of: fn(&floorprint::StepReport) -> f64| steps.iter().map(of).sum::<f64>() / steps.len().max(1) as f64;
         Self {
-            particles: config.filter.particles,
+            particles: config.filter.first_particles(),
             resamplings: count(|step| step.filter.resampled),
             odometry_rejections: count(|step| step.filter.odometry_rejected),
             contradictions: Contradiction::all(steps),

@@ -106,6 +106,13 @@ impl Config {
                 self.scan.range_min_m, self.scan.range_max_m
             )));
         }
+        let adaptive = &self.filter.adaptive;
+        if adaptive.least > adaptive.most {
+            return Err(ConfigError::Contradiction(format!(
+                "`filter.adaptive.least` ({}) must not be above `filter.adaptive.most` ({})",
+                adaptive.least, adaptive.most
+            )));
+        }
         if let Some(camera) = &self.robot.camera
             && camera.depth_min_m >= camera.depth_max_m
         {
@@ -228,6 +235,7 @@ mod tests {
     #[test]
     fn contradictions_are_named() {
         assert!(error_of("scan.range_min_m = 5.0\nscan.range_max_m = 2.0").contains("must be below"));
+        assert!(error_of("filter.adaptive.least = 50\nfilter.adaptive.most = 20").contains("must not be above"));
     }
 
     #[test]

@@ -4,13 +4,15 @@ mod config;
 mod correlation;
 mod genealogy;
 mod grisetti;
+mod kld_sampling;
 mod rao_blackwellized;
 mod resampler;
 mod shared_map;
 mod weights;
 
-pub use config::{FilterConfig, FilterKind, ResamplerKind};
+pub use config::{AdaptiveConfig, FilterConfig, FilterKind, ResamplerKind};
 pub use grisetti::{GrisettiConfig, GrisettiFilter, Proposal};
+pub use kld_sampling::particles_needed;
 pub use rao_blackwellized::RaoBlackwellizedFilter;
 pub use resampler::resample;
 pub use shared_map::SharedMapFilter;

@@ -1,14 +1,29 @@
 //! Drawing particles anew in proportion to their weights (Douc, Cappé & Moulines 2005).
 
-use super::ResamplerKind;
+use super::kld_sampling::particles_needed;
+use super::{FilterConfig, ResamplerKind};
+use crate::geometry::Pose2;
+use crate::random::{Stage, generator};
 use rand::{Rng, RngExt};
 
-/// For each of as many new particles as there are weights, the index of the old one that it copies, ascending.
+/// The particles that go on from `step`: for each the index of the old one that it copies, ascending;
+/// as many as before, or as many as the belief needs ([`particles_needed`]).
+///
+/// `poses` and `weights`, which sum to one, are those of the old particles.
+pub(super) fn draw_anew(config: &FilterConfig, poses: &[Pose2], weights: &[f64], seed: u64, step: u64) -> Vec<usize> {
+    let count = if config.adaptive.enabled {
+        particles_needed(poses, weights, &config.adaptive, &mut generator(seed, Stage::Resampling, step, 1))
+    } else {
+        weights.len()
+    };
+    resample(config.resampler, weights, count, &mut generator(seed, Stage::Resampling, step, 0))
+}
+
+/// For each of `count` new particles the index of the old one that it copies, ascending.
 ///
 /// `weights` sum to one.
 #[must_use]
-pub fn resample(kind: ResamplerKind, weights: &[f64], random: &mut impl Rng) -> Vec<usize> {
-    let count = weights.len();
+pub fn resample(kind: ResamplerKind, weights: &[f64], count: usize, random: &mut impl Rng) -> Vec<usize> {
     match kind {
         ResamplerKind::Stratified => {
             let points: Vec<f64> = (0..count).map(|k| (k as f64 + random.random::<f64>()) / count as f64).collect();
@@ -19,13 +34,12 @@ pub fn resample(kind: ResamplerKind, weights: &[f64], random: &mut impl Rng) -> 
             let points: Vec<f64> = (0..count).map(|k| (k as f64 + offset) / count as f64).collect();
             select(weights, &points)
         }
-        ResamplerKind::Residual => residual(weights, random),
+        ResamplerKind::Residual => residual(weights, count, random),
     }
 }
 
 /// Whole shares of N·w are copied; what remains is drawn by chance from the fractions.
-fn residual(weights: &[f64], random: &mut impl Rng) -> Vec<usize> {
-    let count = weights.len();
+fn residual(weights: &[f64], count: usize, random: &mut impl Rng) -> Vec<usize> {
     let shares: Vec<f64> = weights.iter().map(|weight| weight * count as f64).collect();
     let mut chosen: Vec<usize> =
         shares.iter().enumerate().flat_map(|(index, share)| vec![index; share.floor() as usize]).collect();
@@ -62,25 +76,24 @@ fn select(weights: &[f64], points: &[f64]) -> Vec<usize> {
 mod tests {
     use super::*;
     use crate::filter::weights::normalise;
-    use crate::random::{Stage, generator};
     use proptest::prelude::*;
 
     const KINDS: [ResamplerKind; 3] = [ResamplerKind::Stratified, ResamplerKind::Systematic, ResamplerKind::Residual];
 
     proptest! {
         #[test]
-        fn as_many_as_before_in_order_and_near_their_share(
-            mut log_weights in prop::collection::vec(-4.0..4.0_f64, 1..60), seed in 0..1000_u64
+        fn as_many_as_asked_for_in_order_and_near_their_share(
+            mut log_weights in prop::collection::vec(-4.0..4.0_f64, 1..60), count in 1..90_usize, seed in 0..1000_u64
         ) {
             let weights = normalise(&mut log_weights);
             for kind in KINDS {
-                let chosen = resample(kind, &weights, &mut generator(seed, Stage::Resampling, 0, 0));
-                prop_assert_eq!(chosen.len(), weights.len());
+                let chosen = resample(kind, &weights, count, &mut generator(seed, Stage::Resampling, 0, 0));
+                prop_assert_eq!(chosen.len(), count);
                 prop_assert!(chosen.is_sorted());
                 let mut copies = vec![0.0; weights.len()];
                 chosen.iter().for_each(|&index| copies[index] += 1.0);
                 for (copies, weight) in copies.iter().zip(&weights) {
-                    let share = weight * weights.len() as f64;
+                    let share = weight * count as f64;
                     // Systematic gives floor or ceil of the share, the other two stay within two of it.
                     let slack = if kind == ResamplerKind::Systematic { 1.0 } else { 2.0 };
                     prop_assert!((copies - share).abs() < slack + 1e-9);
@@ -98,7 +111,7 @@ mod tests {
             let runs = 2000;
             let total: f64 = (0..runs)
                 .map(|run| {
-                    let chosen = resample(kind, &weights, &mut generator(run, Stage::Resampling, 1, 0));
+                    let chosen = resample(kind, &weights, 20, &mut generator(run, Stage::Resampling, 1, 0));
                     chosen.iter().sum::<usize>() as f64 / 20.0
                 })
                 .sum();
@@ -109,7 +122,7 @@ mod tests {
     #[test]
     fn a_particle_with_all_the_weight_takes_every_place() {
         for kind in KINDS {
-            let chosen = resample(kind, &[0.0, 1.0, 0.0], &mut generator(7, Stage::Resampling, 0, 0));
+            let chosen = resample(kind, &[0.0, 1.0, 0.0], 3, &mut generator(7, Stage::Resampling, 0, 0));
             assert_eq!(chosen, [1, 1, 1]);
         }
     }

@@ -1,7 +1,7 @@
 //! The report's particle filter: many poses, one occupancy grid (§III.A.3–4).
 
 use super::correlation::OccupiedCells;
-use super::resampler::resample;
+use super::resampler::draw_anew;
 use super::weights::{effective_number, heaviest, normalise};
 use super::{FilterConfig, FilterStep};
 use crate::Config;
@@ -10,7 +10,6 @@ use crate::geometry::Pose2;
 use crate::map::OccupancyGrid;
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
-use crate::random::{Stage, generator};
 use crate::sensors::StampedPose;
 use rayon::prelude::*;
 
@@ -38,7 +37,7 @@ impl SharedMapFilter {
     /// All particles at the origin, nothing mapped.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let count = config.filter.particles.max(1);
+        let count = config.filter.first_particles();
         let map = OccupancyGrid::new(&config.map);
         Self {
             seed: config.seed,
@@ -102,10 +101,9 @@ impl SharedMapFilter {
     }
 
     fn resample(&mut self, weights: &[f64]) {
-        let mut random = generator(self.seed, Stage::Resampling, self.steps, 0);
-        let chosen = resample(self.config.resampler, weights, &mut random);
+        let chosen = draw_anew(&self.config, &self.poses, weights, self.seed, self.steps);
         self.poses = chosen.into_iter().map(|index| self.poses[index]).collect();
-        self.log_weights.fill(-(self.poses.len() as f64).ln());
+        self.log_weights = vec![-(self.poses.len() as f64).ln(); self.poses.len()];
     }
 
     /// The map.

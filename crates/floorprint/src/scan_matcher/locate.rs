@@ -43,7 +43,15 @@ pub fn locate(
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
-    let predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
+    let mut predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
+    if prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas {
+        // A contradiction has to be earned: doors that swing and people who walk along carry the
+        // scan away with them, but no more of it fits there than where the odometry expects it.
+        let held = match_scan(map, scan, prior, config);
+        if predicted.inlier_share <= held.inlier_share {
+            predicted = held;
+        }
+    }
     let verdict = if prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas {
         OdometryVerdict::Contradicted
     } else {

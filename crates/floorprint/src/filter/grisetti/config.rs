@@ -71,7 +71,7 @@ pub struct GrisettiConfig {
 impl Default for GrisettiConfig {
     fn default() -> Self {
         Self {
-            proposal: Proposal::Gaussian,
+            proposal: Proposal::Optimum,
             update_distance_m: 1.0,
             update_angle_rad: 0.5,
             motion_m_per_m: 0.1,
@@ -80,7 +80,7 @@ impl Default for GrisettiConfig {
             motion_rad_per_rad: 0.2,
             cell_m: 0.05,
             full_share: 0.1,
-            trace_rays: false,
+            trace_rays: true,
             step_m: 0.05,
             step_rad: 0.05,
             halvings: 5,
@@ -101,8 +101,8 @@ impl Default for GrisettiConfig {
 pub enum Proposal {
     /// A Gaussian around the optimum that a sample of the odometry leads to, weighted by the
     /// evidence: the paper's.
-    #[default]
     Gaussian,
     /// The optimum that a sample of the odometry leads to, weighted by its likelihood: what GMapping ships.
+    #[default]
     Optimum,
 }

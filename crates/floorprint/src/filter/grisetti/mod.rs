@@ -1,9 +1,10 @@
 //! The filter of Grisetti, Stachniss & Burgard 2007, "Improved techniques for grid mapping with
-//! Rao-Blackwellized particle filters", for comparison: GMapping's matcher and constants, and the
-//! paper's proposal.
+//! Rao-Blackwellized particle filters", for comparison, as its implementation GMapping has it.
 //!
 //! Only scans between which the robot has moved far enough are matched; in between, poses are the
 //! last matched one and the odometry. Paper and GMapping differ in the proposal ([`Proposal`]).
+//! Rays clear what they pass in the particles' maps: without that, what is seen once in a wrong place
+//! stays and misleads the next match (intel 0.059 m instead of 0.047 m).
 //! As in GMapping, each particle's climb starts from a sample of the motion model: from the mean,
 //! as the paper's Algorithm 1 has it, all particles climb to the same optimum and a long loop finds
 //! none that is right. GMapping's samples at every odometry reading are drawn once per
@@ -16,7 +17,7 @@ mod odometry_belief;
 pub use config::{GrisettiConfig, Proposal};
 
 use super::genealogy::Trail;
-use super::resampler::resample;
+use super::resampler::draw_anew;
 use super::weights::{effective_number, heaviest, normalise};
 use super::{FilterConfig, FilterStep};
 use crate::Config;
@@ -63,7 +64,7 @@ impl GrisettiFilter {
     /// All particles at the origin, nothing mapped.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let count = config.filter.particles.max(1);
+        let count = config.filter.first_particles();
         let particle = Particle {
             pose: Pose2::IDENTITY,
             log_weight: 0.0,
@@ -150,8 +151,8 @@ impl GrisettiFilter {
     }
 
     fn resample(&mut self, weights: &[f64]) {
-        let mut random = generator(self.seed, Stage::Resampling, self.steps as u64, 0);
-        let chosen = resample(self.filter.resampler, weights, &mut random);
+        let poses: Vec<Pose2> = self.particles.iter().map(|particle| particle.pose).collect();
+        let chosen = draw_anew(&self.filter, &poses, weights, self.seed, self.steps as u64);
         for particle in &mut self.particles {
             particle.trail.fork();
             particle.log_weight = 0.0;
