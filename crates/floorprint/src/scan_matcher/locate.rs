@@ -14,7 +14,7 @@ const CANDIDATES: usize = 4;
 const POINTS_TO_SEARCH: usize = 30;
 /// A search is widened to all headings only if less than this share of the points lies on the map at the
 /// prediction: the robot is lost then. More is no reason, for a corridor fits as well the other way round.
-const LOST: f64 = 0.45;
+const LOST: f64 = 0.3;
 /// Nor is it widened once this share of the points lies on the map.
 const GOOD_ENOUGH: f64 = 0.6;
 /// The scan overrules the odometry only if this much more of it fits elsewhere. Less is no proof:
