@@ -51,7 +51,14 @@ impl MotionConfig {
     /// Inverse covariance of a step over (x, y, θ); the same in every direction of the plane.
     #[must_use]
     pub fn information(&self, motion: &Pose2) -> Matrix3<f64> {
+        self.scaled_information(motion, 1.0)
+    }
+
+    /// The same with the standard deviation of the position multiplied by a factor.
+    #[must_use]
+    pub fn scaled_information(&self, motion: &Pose2, position_factor: f64) -> Matrix3<f64> {
         let (sigma_m, sigma_rad) = self.sigmas(motion);
+        let sigma_m = position_factor * sigma_m;
         // Even where no noise is stated the odometry is only nearly certain, to keep the sums finite.
         let of_variance = |variance: f64| variance.max(SMALLEST_VARIANCE).recip();
         let (position, heading) = (of_variance(sigma_m * sigma_m), of_variance(sigma_rad * sigma_rad));

@@ -2,6 +2,7 @@
 //! measurement (Grisetti, Stachniss & Burgard 2007; FastSLAM 2, Montemerlo et al. 2003).
 
 use super::genealogy::Trail;
+use super::odometry_trust::OdometryTrust;
 use super::resampler::draw_anew;
 use super::weights::{effective_number, heaviest, normalise};
 use super::{FilterConfig, FilterStep};
@@ -49,6 +50,8 @@ pub struct RaoBlackwellizedFilter {
     motion: MotionConfig,
     matcher: MatcherConfig,
     particles: Vec<Particle>,
+    /// How good the odometry has turned out to be.
+    odometry: OdometryTrust,
     /// Length of the path that the maps remember, metres; unlimited where loops are not closed later.
     window_m: f64,
     /// The scan that the last step wrote into the maps, if it wrote one; all particles write the same ones.
@@ -84,6 +87,7 @@ impl RaoBlackwellizedFilter {
             motion: config.motion.clone(),
             matcher: config.matcher.clone(),
             particles: vec![particle; count],
+            odometry: OdometryTrust::default(),
             window_m: if config.loop_closure.enabled { config.loop_closure.window_m } else { f64::INFINITY },
             key_scan: None,
             written: 0,
@@ -100,7 +104,7 @@ impl RaoBlackwellizedFilter {
         let matches: Vec<Option<Fit>> = self
             .particles
             .par_iter_mut()
-            .map(|particle| particle.follow(frame, &scan, &self.motion, &self.matcher))
+            .map(|particle| particle.follow(frame, &scan, &self.odometry, &self.motion, &self.matcher))
             .collect();
 
         // All particles moved alike but for noise: the scan is due for all of them or for none.
@@ -117,6 +121,10 @@ impl RaoBlackwellizedFilter {
         if let Some(fit) = &matches[best] {
             self.doubt = fit.covariance_after(&self.doubt);
             self.is_doubtful |= fit.is_doubtful();
+            if let Some(measured) = &frame.motion {
+                let (sigma_m, _) = self.motion.sigmas(measured);
+                self.odometry.learn(measured, &self.particles[best].last_motion, sigma_m, &fit.result.scan_information);
+            }
         }
         profiler.enter(Phase::Map);
         let pose = self.particles[best].pose;
@@ -289,12 +297,16 @@ impl Particle {
         &mut self,
         frame: &Frame,
         scan: &SurfaceScan,
+        trust: &OdometryTrust,
         motion: &MotionConfig,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
-        // Without odometry the robot is taken to go on as it did, with room for change.
-        let (step, trust) = frame.motion.map_or((self.last_motion, PREDICTION_TRUST), |step| (step, 1.0));
-        let prior = PoseBelief { pose: self.pose.compose(&step), information: motion.information(&step) * trust };
+        let (step, information) = match &frame.motion {
+            Some(measured) => (*measured, motion.scaled_information(measured, trust.noise())),
+            // Without odometry the robot is taken to go on as it did, with room for change.
+            None => (self.last_motion, motion.information(&self.last_motion) * PREDICTION_TRUST),
+        };
+        let prior = PoseBelief { pose: self.pose.compose(&step), information };
         if self.map.is_empty() {
             (self.pose, self.last_motion) = (prior.pose, step);
             return None;

@@ -7,7 +7,7 @@
 use super::{MatcherConfig, SurfaceScan};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::{Cell, SurfaceMap};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector3};
 
 /// A Gaussian belief about a pose: the mean, and the information matrix over (x, y, θ) in the
 /// world's axes (1/m², 1/m·rad, 1/rad²).
@@ -66,7 +66,7 @@ pub fn match_scan_against(
     let mut last = Linearisation::default();
     let mut gate = config.wide_gate_sigmas;
     for _ in 0..config.iterations {
-        last = linearise(map, scan, &pose, gate, config);
+        last = linearise(map, scan, &pose, gate, config).without_hearsay(config);
         let prior_information = prior.information / (1.0 + (prior.sigmas_to(&pose) / trusted_sigmas).powi(2));
         let information = last.information + prior_information;
         let gradient = last.gradient + prior_information * prior.offset(&pose);
@@ -103,6 +103,35 @@ struct Linearisation {
     inliers: f64,
     log_likelihood: f64,
 }
+
+impl Linearisation {
+    /// Takes back what a scan says of a direction of which it hardly says anything (a bare corridor): that comes from
+    /// normals that err and from points without one, which lie where the same ray ended before. It would hold the
+    /// robot back, where the odometry knows better (degenerate directions, Zhang, Kaess & Singh 2016;
+    /// here without a threshold).
+    fn without_hearsay(mut self, config: &MatcherConfig) -> Self {
+        let hearsay = HEARSAY_SHARE * config.independent_points / (config.sigma_m * config.sigma_m);
+        let position = self.information.fixed_view::<2, 2>(0, 0).into_owned();
+        let half_trace = 0.5 * position.trace();
+        let root = (half_trace * half_trace - position.determinant()).max(0.0).sqrt();
+        let [small, large] = [half_trace - root, half_trace + root].map(|value| value.max(0.0));
+        if large <= 0.0 {
+            return self;
+        }
+        // Weights of the two directions; the matrix Σ √w v vᵀ follows from the position's block itself.
+        let [weak, strong] = [small, large].map(|value| (value / (value + hearsay)).sqrt());
+        let slope = if large - small > 1e-9 * large { (strong - weak) / (large - small) } else { 0.0 };
+        let scale = Matrix2::identity() * (weak - slope * small) + position * slope;
+        let mut whole = Matrix3::identity();
+        whole.fixed_view_mut::<2, 2>(0, 0).copy_from(&scale);
+        self.information = whole * self.information * whole;
+        self.gradient = whole * whole * self.gradient;
+        self
+    }
+}
+
+/// What errors alone make a scan say of a direction, as a share of what it can say at most.
+const HEARSAY_SHARE: f64 = 0.1;
 
 /// Points that are worked on side by side. Single precision is enough for sums of this kind: it errs by
 /// micrometres where points scatter by centimetres.
