@@ -11,7 +11,7 @@ use crate::geometry::{Pose2, wrap_angle};
 use crate::map::SurfaceMap;
 use crate::scan_matcher::{
     MatchResult, MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, SurfaceScan, inlier_share,
-    match_scan,
+    match_scan, without_hearsay,
 };
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
@@ -215,7 +215,7 @@ impl View {
                 }
             }
         }
-        fits.iter().map(Placement::of).collect()
+        fits.iter().map(|fit| Placement::of(fit, matcher)).collect()
     }
 
     /// What share of a probe at a pose lies in view, and what share of that on the map.
@@ -236,9 +236,11 @@ impl View {
 }
 
 impl Placement {
-    fn of(fit: &MatchResult) -> Self {
+    fn of(fit: &MatchResult, matcher: &MatcherConfig) -> Self {
         let weak = Matrix3::identity() * 1e-3;
-        let covariance = (fit.scan_information + weak).try_inverse().unwrap_or_else(Matrix3::identity);
+        // A second time: the errors of all closures along a corridor point the same way, so that none may say much.
+        let scale = without_hearsay(&fit.scan_information, matcher);
+        let covariance = (scale * fit.scan_information * scale + weak).try_inverse().unwrap_or_else(Matrix3::identity);
         Self {
             older_from_newer: fit.belief.pose,
             covariance: in_frame_of(&covariance, &fit.belief.pose),

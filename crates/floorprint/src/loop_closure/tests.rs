@@ -1,7 +1,8 @@
 //! Drives of known shape are cut, closed and put right.
 
 use super::{
-    ClosedLoops, KeyScan, LoopCloser, LoopClosureConfig, Submap, SubmapBuilder, Verdict, corrected_poses, map_of, refine,
+    ClosedLoops, KeyScan, LoopCloser, LoopClosureConfig, Submap, SubmapBuilder, Verdict, corrected_poses, map_of,
+    refine,
 };
 use crate::geometry::Pose2;
 use crate::scan_matcher::synthetic::{Walls, frame, poses_along};

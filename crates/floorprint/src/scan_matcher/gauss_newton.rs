@@ -105,29 +105,37 @@ struct Linearisation {
 }
 
 impl Linearisation {
-    /// Takes back what a scan says of a direction of which it hardly says anything (a bare corridor): that comes from
-    /// normals that err and from points without one, which lie where the same ray ended before. It would hold the
-    /// robot back, where the odometry knows better (degenerate directions, Zhang, Kaess & Singh 2016;
-    /// here without a threshold).
+    /// Takes back what errors alone make the scan say.
     fn without_hearsay(mut self, config: &MatcherConfig) -> Self {
-        let hearsay = HEARSAY_SHARE * config.independent_points / (config.sigma_m * config.sigma_m);
-        let position = self.information.fixed_view::<2, 2>(0, 0).into_owned();
-        let half_trace = 0.5 * position.trace();
-        let root = (half_trace * half_trace - position.determinant()).max(0.0).sqrt();
-        let [small, large] = [half_trace - root, half_trace + root].map(|value| value.max(0.0));
-        if large <= 0.0 {
-            return self;
-        }
+        let scale = without_hearsay(&self.information, config);
+        self.information = scale * self.information * scale;
+        self.gradient = scale * scale * self.gradient;
+        self
+    }
+}
+
+/// The matrix S for which S·I·S is the information I of a scan without what errors alone make it say of a
+/// direction of which it hardly says anything.
+///
+/// Along a bare corridor that comes from normals that err and from points without one, which lie where the same ray
+/// ended before. It would hold the robot back, where the odometry knows better (degenerate directions,
+/// Zhang, Kaess & Singh 2016; here without a threshold).
+#[must_use]
+pub fn without_hearsay(information: &Matrix3<f64>, config: &MatcherConfig) -> Matrix3<f64> {
+    let hearsay = HEARSAY_SHARE * config.independent_points / (config.sigma_m * config.sigma_m);
+    let position = information.fixed_view::<2, 2>(0, 0).into_owned();
+    let half_trace = 0.5 * position.trace();
+    let root = (half_trace * half_trace - position.determinant()).max(0.0).sqrt();
+    let [small, large] = [half_trace - root, half_trace + root].map(|value| value.max(0.0));
+    let mut whole = Matrix3::identity();
+    if large > 0.0 {
         // Weights of the two directions; the matrix Σ √w v vᵀ follows from the position's block itself.
         let [weak, strong] = [small, large].map(|value| (value / (value + hearsay)).sqrt());
         let slope = if large - small > 1e-9 * large { (strong - weak) / (large - small) } else { 0.0 };
         let scale = Matrix2::identity() * (weak - slope * small) + position * slope;
-        let mut whole = Matrix3::identity();
         whole.fixed_view_mut::<2, 2>(0, 0).copy_from(&scale);
-        self.information = whole * self.information * whole;
-        self.gradient = whole * whole * self.gradient;
-        self
     }
+    whole
 }
 
 /// What errors alone make a scan say of a direction, as a share of what it can say at most.
