@@ -4,7 +4,7 @@ use crate::Config;
 use crate::filter::{FilterKind, FilterStep, GrisettiFilter, RaoBlackwellizedFilter, SharedMapFilter};
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::loop_closure::{ClosureReport, KeyScan, LoopCloser, corrected_poses, map_of, refine};
+use crate::loop_closure::{ClosureReport, LoopCloser, corrected_poses, map_of, refine};
 use crate::map::OccupancyGrid;
 use crate::profiler::{Phase, Profiler};
 use crate::sensors::StampedPose;
@@ -57,7 +57,8 @@ enum Filter {
 #[derive(Debug)]
 struct LoopClosing {
     closer: LoopCloser,
-    key_scans: Vec<KeyScan>,
+    /// Which frames' scans went into the filter's maps.
+    key_frames: Vec<usize>,
 }
 
 /// What a drive amounts to.
@@ -80,7 +81,7 @@ impl Slam {
             FilterKind::RaoBlackwellized => {
                 let closing = config.loop_closure.enabled.then(|| LoopClosing {
                     closer: LoopCloser::new(&config.loop_closure, &config.matcher),
-                    key_scans: Vec::new(),
+                    key_frames: Vec::new(),
                 });
                 Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config), closing)
             }
@@ -107,7 +108,7 @@ impl Slam {
                 let correction = closing.as_mut().map(|closing| {
                     profiler.enter(Phase::LoopClosure);
                     if let Some(key_scan) = filter.take_key_scan() {
-                        closing.key_scans.push(key_scan.clone());
+                        closing.key_frames.push(key_scan.frame);
                         closing.closer.add(key_scan, |frame| filter.poses_since(frame));
                     }
                     closing.closer.work();
@@ -167,7 +168,7 @@ impl Slam {
     /// fitted to the map of all of them, and the grid is drawn along the result.
     #[must_use]
     pub fn finish<I: Iterator<Item = Frame>>(self, frames: impl Fn() -> I, profiler: &mut dyn Profiler) -> SlamResult {
-        let (filter, LoopClosing { closer, key_scans }) = match self.filter {
+        let (filter, LoopClosing { closer, key_frames }) = match self.filter {
             Filter::RaoBlackwellized(filter, Some(closing)) => (filter, closing),
             _ => {
                 profiler.enter(Phase::Map);
@@ -181,7 +182,7 @@ impl Slam {
         let mut poses = corrected_poses(&poses_of(&trajectory), &closed.anchors);
         let matcher = &self.config.matcher;
         for _ in 0..self.config.loop_closure.refinements {
-            poses = refine(&map_of(&key_scans, &poses, matcher.cell_m), frames(), &poses, matcher);
+            poses = refine(&map_of(&key_frames, frames(), &poses, matcher), frames(), &poses, matcher);
         }
         set_poses(&mut trajectory, &poses);
         profiler.enter(Phase::Map);

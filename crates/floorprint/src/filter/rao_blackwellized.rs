@@ -62,6 +62,8 @@ pub struct RaoBlackwellizedFilter {
     doubt: Matrix3<f64>,
     /// Whether one of the matches since may have been wrong.
     is_doubtful: bool,
+    /// How many scans in a row did not fit the map.
+    misfits: usize,
     steps: u64,
 }
 
@@ -93,6 +95,7 @@ impl RaoBlackwellizedFilter {
             written: 0,
             doubt: Matrix3::zeros(),
             is_doubtful: false,
+            misfits: 0,
             steps: 0,
         }
     }
@@ -107,8 +110,11 @@ impl RaoBlackwellizedFilter {
             .map(|particle| particle.follow(frame, &scan, &self.odometry, &self.motion, &self.matcher))
             .collect();
 
+        let starts_anew = self.notice_loss(&scan, &matches);
         // All particles moved alike but for noise: the scan is due for all of them or for none.
-        let due = !scan.is_empty() && self.particles.iter().any(|particle| particle.is_due(&self.matcher));
+        let due = self.misfits == 0
+            && !scan.is_empty()
+            && self.particles.iter().any(|particle| particle.is_due(&self.matcher));
         if due {
             self.draw_and_weigh(&matches, &scan);
         }
@@ -140,6 +146,7 @@ impl RaoBlackwellizedFilter {
             covariance: std::mem::take(&mut self.doubt)
                 + if std::mem::take(&mut self.is_doubtful) { blunder() } else { Matrix3::zeros() },
             scan: Arc::clone(&scan),
+            starts_anew,
         });
         for particle in &mut self.particles {
             particle.trail.push(StampedPose { stamp_s: frame.stamp_s, pose: particle.pose });
@@ -158,6 +165,29 @@ impl RaoBlackwellizedFilter {
             resampled,
             odometry_rejected: fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed),
         }
+    }
+
+    /// Counts scans that do not fit the map anywhere near. They are not written; when they do not cease the
+    /// robot was carried elsewhere, and the maps begin anew: gives the first frame that did not fit. Where
+    /// that is on the old map is for the loop closure to find out; without it there is no beginning anew.
+    fn notice_loss(&mut self, scan: &SurfaceScan, matches: &[Option<Fit>]) -> Option<usize> {
+        let fits = matches[self.best()].is_none_or(|fit| fit.result.inlier_share >= LOST_INLIER_SHARE);
+        if fits || scan.len() < LEAST_POINTS || self.window_m.is_infinite() {
+            self.misfits = 0;
+            return None;
+        }
+        self.misfits += 1;
+        if self.misfits < MISFITS_BEFORE_LOSS {
+            return None;
+        }
+        let first = (self.steps as usize + 1).saturating_sub(self.misfits);
+        self.misfits = 0;
+        for particle in &mut self.particles {
+            particle.map = SurfaceMap::new(self.matcher.cell_m);
+            particle.written.clear();
+            (particle.mapped_m, particle.last_written) = (0.0, None);
+        }
+        Some(first)
     }
 
     /// Draws each pose from the Gaussian around its optimum and multiplies each weight by the
@@ -239,6 +269,13 @@ const DOUBTFUL_INLIER_SHARE: f64 = 0.6;
 /// How far a pose in doubt may be off: standard deviations, metres and radians.
 const BLUNDER_SIGMA_M: f64 = 0.3;
 const BLUNDER_SIGMA_RAD: f64 = 0.15;
+
+/// A scan of which less than this share lies on the map does not fit it …
+const LOST_INLIER_SHARE: f64 = 0.55;
+/// … if it has at least this many points; the robot is lost when so many scans in a row do not fit. On
+/// recorded drives single scans fit by 0.52 at the least.
+const LEAST_POINTS: usize = 30;
+const MISFITS_BEFORE_LOSS: usize = 3;
 
 /// Covariance of a pose in doubt.
 fn blunder() -> Matrix3<f64> {

@@ -15,6 +15,7 @@ use crate::scan_matcher::{
 };
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 
 /// How uncertain the pose of one submap is as seen from another: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +25,17 @@ pub struct Doubt {
     /// Of the heading, radians.
     pub sigma_rad: f64,
 }
+
+impl Doubt {
+    /// Whether nothing is known but that the robot is somewhere on the map.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.sigma_m > LOST_M
+    }
+}
+
+/// Who doubts a position by more than this has no idea, metres.
+const LOST_M: f64 = 20.0;
 
 /// A newer submap compared with an older one.
 #[derive(Debug, Clone)]
@@ -93,7 +105,7 @@ const VIEWS_KEPT: usize = 24;
 const WINDOW_SIGMAS: f64 = 2.5;
 /// … and at least and at most so far: metres, radians.
 const WINDOW_M: [f64; 2] = [0.4, 8.0];
-const WINDOW_RAD: [f64; 2] = [0.1, 0.6];
+const WINDOW_RAD: [f64; 2] = [0.1, PI];
 /// Where the doubt is smaller than this the fine matcher needs no search, metres and radians.
 const WITHIN_REACH_M: f64 = 0.1;
 const WITHIN_REACH_RAD: f64 = 0.03;
@@ -104,7 +116,7 @@ const PLACE_MARGIN: f64 = 0.12;
 /// Places that score less are none.
 const PLACE_MIN_SCORE: f64 = 0.4;
 /// Bound on the work of one search.
-const MAX_BLOCKS: usize = 60_000;
+const MAX_BLOCKS: usize = 200_000;
 /// Two fits closer than this are the same, metres and radians.
 const SAME_FIT_M: f64 = 0.15;
 const SAME_FIT_RAD: f64 = 0.05;

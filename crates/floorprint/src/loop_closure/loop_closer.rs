@@ -8,7 +8,7 @@
 use super::comparison::{Atlas, Comparison, Doubt};
 use super::hypothesis::Hypothesis;
 use super::submap::{Submap, SubmapBuilder};
-use super::{ClosureReport, KeyScan, LoopClosureConfig, Verdict};
+use super::{Anchor, ClosureReport, KeyScan, LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::scan_matcher::MatcherConfig;
 use std::collections::VecDeque;
@@ -43,8 +43,8 @@ struct Job {
 /// The drive put right.
 #[derive(Debug, Clone)]
 pub struct ClosedLoops {
-    /// The frame with which each submap begins, and its pose: world from body.
-    pub anchors: Vec<(usize, Pose2)>,
+    /// The frame with which each submap begins, and its pose.
+    pub anchors: Vec<Anchor>,
     /// Every comparison, and what became of it.
     pub closures: Vec<ClosureReport>,
 }
@@ -54,6 +54,13 @@ const GIVEN_UP: f64 = 12.0;
 /// Where a submap is expected within these of another account's expectation one comparison serves both, metres and radians.
 const SAME_EXPECTATION_M: f64 = 0.2;
 const SAME_EXPECTATION_RAD: f64 = 0.04;
+/// A robot that was carried elsewhere is looked for on so many submaps.
+const MOST_WHEN_LOST: usize = 60;
+/// A submap is known when so much of it was in view of an older one, and so much of that lies on it.
+const KNOWN_OVERLAP_SHARE: f64 = 0.9;
+const KNOWN_INLIER_SHARE: f64 = 0.85;
+/// The newest submaps are kept even when they are known.
+const KEPT_SUBMAPS: usize = 3;
 /// Doubt widens the circle of candidates by at most this, metres.
 const WIDEST_DOUBT_M: f64 = 8.0;
 
@@ -106,7 +113,12 @@ impl LoopCloser {
         for hypothesis in &self.hypotheses {
             let (poses, doubts) = (hypothesis.poses(), hypothesis.doubts_from(newer));
             for older in self.candidates(newer, poses, &doubts) {
-                let expected = poses[older].between(&poses[newer]);
+                // Who is lost is looked for in the middle of each old submap.
+                let expected = if doubts[older].is_lost() {
+                    self.submaps[older].middle.compose(&submap.middle.inverse())
+                } else {
+                    poses[older].between(&poses[newer])
+                };
                 let is_covered = due.iter().any(|(other, there, _)| {
                     let offset = there.between(&expected);
                     *other == older
@@ -125,8 +137,14 @@ impl LoopCloser {
     fn candidates(&self, newer: usize, poses: &[Pose2], doubts: &[Doubt]) -> Vec<usize> {
         let place = |index: usize| poses[index].compose(&self.submaps[index].middle);
         let here = place(newer);
+        let is_lost = |older: usize| doubts[older].is_lost();
+        let most = if (0..newer).any(is_lost) { MOST_WHEN_LOST } else { self.config.candidates };
         let mut near: Vec<(f64, usize)> = (0..newer.saturating_sub(1))
+            .filter(|&older| !self.submaps[older].is_known)
             .filter_map(|older| {
+                if is_lost(older) {
+                    return Some((0.0, older));
+                }
                 let distance_m = here.between(&place(older)).distance();
                 let reach_m = self.config.candidate_distance_m + doubts[older].sigma_m.min(WIDEST_DOUBT_M);
                 (distance_m < reach_m).then_some((distance_m, older))
@@ -135,7 +153,7 @@ impl LoopCloser {
         near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut chosen: Vec<usize> = Vec::new();
         for (_, older) in near {
-            if chosen.len() < self.config.candidates && chosen.iter().all(|other| other.abs_diff(older) > 1) {
+            if chosen.len() < most && chosen.iter().all(|other| other.abs_diff(older) > 1) {
                 chosen.push(older);
             }
         }
@@ -162,9 +180,25 @@ impl LoopCloser {
                 self.hypotheses.push(hypothesis);
             }
         }
+        self.note_if_known(job);
         let heaviest = self.hypotheses[0].log_weight;
         for hypothesis in &mut self.hypotheses {
             hypothesis.log_weight -= heaviest;
+        }
+    }
+
+    /// A submap nearly all of which lies on an older one need not be kept: memory grows with the area that was
+    /// seen, not with time. Its neighbours are compared yet, so that it is forgotten a little later.
+    fn note_if_known(&mut self, job: &Job) {
+        let is_covered = |closure: &&super::Closure| {
+            let placement = &self.comparisons[closure.comparison].placements[closure.placement];
+            placement.overlap_shares[0] > KNOWN_OVERLAP_SHARE && placement.inlier_shares[0] > KNOWN_INLIER_SHARE
+        };
+        let closures = self.hypotheses[0].closures().iter().rev();
+        let of_this = closures.take_while(|closure| closure.comparison >= job.first);
+        self.submaps[job.newer].is_known = of_this.filter(is_covered).count() > 0;
+        if let Some(past) = job.newer.checked_sub(KEPT_SUBMAPS).filter(|&past| self.submaps[past].is_known) {
+            self.submaps[past].forget();
         }
     }
 
@@ -179,9 +213,14 @@ impl LoopCloser {
 
     /// The drive as the heaviest account has it now.
     #[must_use]
-    pub fn anchors(&self) -> Vec<(usize, Pose2)> {
+    pub fn anchors(&self) -> Vec<Anchor> {
         let poses = self.hypotheses[0].poses();
-        self.submaps.iter().zip(poses).map(|(submap, pose)| (submap.first, *pose)).collect()
+        let anchor = |(submap, &pose): (&Submap, &Pose2)| Anchor {
+            frame: submap.first,
+            pose,
+            starts_anew: submap.starts_anew,
+        };
+        self.submaps.iter().zip(poses).map(anchor).collect()
     }
 
     /// How many accounts of the drive are held for possible.

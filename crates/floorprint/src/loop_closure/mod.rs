@@ -35,14 +35,35 @@ pub struct KeyScan {
     pub covariance: Matrix3<f64>,
     /// Its points, in the body's frame.
     pub scan: Arc<SurfaceScan>,
+    /// Where the robot had been carried elsewhere and the map begins anew with this scan: the first frame
+    /// that did not fit the old map.
+    pub starts_anew: Option<usize>,
 }
 
-/// The drive's poses, moved along with those of some of its frames: `anchors` are numbers of frames,
-/// ascending, with the poses that they are to have. In between the correction changes evenly along the path.
+/// A frame whose pose is known, from which those around it follow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Anchor {
+    /// Which frame it is, counted from 0.
+    pub frame: usize,
+    /// Its pose, world from body.
+    pub pose: Pose2,
+    /// Where the robot was carried here from elsewhere: the first frame at the new place.
+    pub starts_anew: Option<usize>,
+}
+
+/// The drive's poses, moved along with those of some of its frames, the `anchors` in order. In between the
+/// correction changes evenly along the path, but for places at which the robot was carried elsewhere.
 #[must_use]
-pub fn corrected_poses(poses: &[Pose2], anchors: &[(usize, Pose2)]) -> Vec<Pose2> {
-    let corrections: Vec<(usize, Pose2)> =
-        anchors.iter().map(|&(frame, pose)| (frame, pose.compose(&poses[frame].inverse()))).collect();
+pub fn corrected_poses(poses: &[Pose2], anchors: &[Anchor]) -> Vec<Pose2> {
+    let mut corrections: Vec<(usize, Pose2)> = Vec::with_capacity(anchors.len());
+    for anchor in anchors {
+        let correction = anchor.pose.compose(&poses[anchor.frame].inverse());
+        if let (Some(first), Some(&(_, before))) = (anchor.starts_anew, corrections.last()) {
+            corrections.push((first.saturating_sub(1), before));
+            corrections.push((first, correction));
+        }
+        corrections.push((anchor.frame, correction));
+    }
     let anchors = corrections;
     let mut path_m = Vec::with_capacity(poses.len());
     let mut total = 0.0;

@@ -1,6 +1,5 @@
 //! Fits every scan to the map of all scans, once the loops are closed.
 
-use super::KeyScan;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
 use crate::map::SurfaceMap;
@@ -13,12 +12,20 @@ const SIGMA_RAD: f64 = 0.02;
 /// A scan of which less than this share lies on the map is left where it was.
 const MIN_INLIER_SHARE: f64 = 0.5;
 
-/// The map that key scans make at their poses.
+/// The map that some of a drive's scans make at their poses: those whose numbers, ascending, are given.
 #[must_use]
-pub fn map_of(key_scans: &[KeyScan], poses: &[Pose2], cell_m: f64) -> SurfaceMap {
-    let mut map = SurfaceMap::new(cell_m);
-    for key_scan in key_scans {
-        map.add_scan(&poses[key_scan.frame], &key_scan.scan);
+pub fn map_of(
+    key_frames: &[usize],
+    frames: impl Iterator<Item = Frame>,
+    poses: &[Pose2],
+    matcher: &MatcherConfig,
+) -> SurfaceMap {
+    let mut map = SurfaceMap::new(matcher.cell_m);
+    let mut due = key_frames.iter().peekable();
+    for ((number, frame), pose) in frames.enumerate().zip(poses) {
+        if due.next_if_eq(&&number).is_some() {
+            map.add_scan(pose, &SurfaceScan::new(&frame.scan, matcher));
+        }
     }
     map
 }

@@ -25,10 +25,14 @@ pub struct Submap {
     pub path_m: f64,
     /// What ties it to the submap before; `None` for the first.
     pub link: Option<Link>,
+    /// Where the robot was carried here from elsewhere: the first frame at the new place.
+    pub starts_anew: Option<usize>,
     /// All surfaces, as if seen from the middle; in the submap's frame.
     pub surfaces: Arc<SurfaceScan>,
     /// A choice of them by which the submap is looked for and fitted.
     pub probe: SurfaceScan,
+    /// Whether it shows nothing that older ones do not; later ones are then compared with those.
+    pub is_known: bool,
     /// What the first, the middle and the last key scan had in view, in the submap's frame.
     pub horizons: [Horizon; 3],
 }
@@ -75,7 +79,9 @@ impl SubmapBuilder {
         let step_m = self.open.last().map_or(0.0, |last| last.pose.between(&key_scan.pose).distance());
         self.path_m += step_m;
         self.covariance += key_scan.covariance;
-        if self.open.is_empty() || self.path_m - self.start_m <= self.length_m {
+        if key_scan.starts_anew.is_some() {
+            self.covariance += carried_elsewhere();
+        } else if self.open.is_empty() || self.path_m - self.start_m <= self.length_m {
             self.open.push(key_scan);
             return None;
         }
@@ -122,7 +128,9 @@ impl SubmapBuilder {
             middle,
             path_m: self.start_m,
             link: self.link,
+            starts_anew: first.starts_anew,
             probe: surfaces.balanced(PROBE_POINTS),
+            is_known: false,
             surfaces: Arc::new(surfaces),
             horizons: [first, half_way, &key_scans[key_scans.len() - 1]].map(|scan| scan.horizon_from(&first.pose)),
         })
@@ -130,6 +138,12 @@ impl SubmapBuilder {
 }
 
 impl Submap {
+    /// Forgets what it looks like.
+    pub fn forget(&mut self) {
+        self.surfaces = Arc::default();
+        self.probe = SurfaceScan::default();
+    }
+
     /// Whether a point of the submap's frame (metres) was in view.
     #[must_use]
     pub fn had_in_view(&self, point_m: [f32; 2]) -> bool {
@@ -148,6 +162,15 @@ impl KeyScan {
 
 /// A surface on which rays end is in view although they end a little before it, metres.
 const VIEW_TOLERANCE_M: f32 = 0.2;
+
+/// Covariance of the motion of a robot that was carried, nobody knows where to.
+fn carried_elsewhere() -> Matrix3<f64> {
+    Matrix3::from_diagonal(&[CARRIED_SIGMA_M.powi(2), CARRIED_SIGMA_M.powi(2), CARRIED_SIGMA_RAD.powi(2)].into())
+}
+
+/// Standard deviations of such a motion, metres and radians.
+const CARRIED_SIGMA_M: f64 = 30.0;
+const CARRIED_SIGMA_RAD: f64 = 3.0;
 
 /// A covariance over (x, y, θ) in the world's axes, turned into the axes of a pose.
 pub(super) fn in_frame_of(covariance: &Matrix3<f64>, pose: &Pose2) -> Matrix3<f64> {
