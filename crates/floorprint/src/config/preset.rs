@@ -12,6 +12,8 @@ pub enum Preset {
     Default,
     /// The fewest computations that still give a good map.
     Fast,
+    /// The best poses that the data allow, at a few times the cost.
+    Accurate,
     /// The report to the letter.
     Seed,
     /// The algorithm of Grisetti, Stachniss & Burgard 2007, for comparison.
@@ -20,7 +22,7 @@ pub enum Preset {
 
 impl Preset {
     /// All presets.
-    pub const ALL: [Self; 4] = [Self::Default, Self::Fast, Self::Seed, Self::Gmapping];
+    pub const ALL: [Self; 5] = [Self::Default, Self::Fast, Self::Accurate, Self::Seed, Self::Gmapping];
 
     /// The name by which users call it.
     #[must_use]
@@ -28,6 +30,7 @@ impl Preset {
         match self {
             Self::Default => "default",
             Self::Fast => "fast",
+            Self::Accurate => "accurate",
             Self::Seed => "seed",
             Self::Gmapping => "gmapping",
         }
@@ -39,6 +42,7 @@ impl Preset {
         match self {
             Self::Default => include_str!("../../presets/default.toml"),
             Self::Fast => include_str!("../../presets/fast.toml"),
+            Self::Accurate => include_str!("../../presets/accurate.toml"),
             Self::Seed => include_str!("../../presets/seed.toml"),
             Self::Gmapping => include_str!("../../presets/gmapping.toml"),
         }

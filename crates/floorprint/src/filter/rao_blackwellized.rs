@@ -268,7 +268,7 @@ const CARVE_EVERY: usize = 3;
 const DOUBTFUL_INLIER_SHARE: f64 = 0.6;
 /// How far a pose in doubt may be off: standard deviations, metres and radians.
 const BLUNDER_SIGMA_M: f64 = 0.3;
-const BLUNDER_SIGMA_RAD: f64 = 0.15;
+const BLUNDER_SIGMA_RAD: f64 = 0.08;
 
 /// A scan of which less than this share lies on the map does not fit it …
 const LOST_INLIER_SHARE: f64 = 0.55;

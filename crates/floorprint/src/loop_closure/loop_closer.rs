@@ -215,11 +215,8 @@ impl LoopCloser {
     #[must_use]
     pub fn anchors(&self) -> Vec<Anchor> {
         let poses = self.hypotheses[0].poses();
-        let anchor = |(submap, &pose): (&Submap, &Pose2)| Anchor {
-            frame: submap.first,
-            pose,
-            starts_anew: submap.starts_anew,
-        };
+        let anchor =
+            |(submap, &pose): (&Submap, &Pose2)| Anchor { frame: submap.first, pose, starts_anew: submap.starts_anew };
         self.submaps.iter().zip(poses).map(anchor).collect()
     }
 

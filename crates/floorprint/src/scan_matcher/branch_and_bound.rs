@@ -15,9 +15,9 @@ const CELL_M: f64 = 0.1;
 /// Base-2 logarithm of the side, in cells, of the largest block of offsets.
 const TOP_LEVEL: usize = 5;
 /// Surfaces and points farther from the middle than this are left out, metres.
-const REACH_M: f64 = 25.0;
+const REACH_M: f64 = 15.0;
 /// Points of the scan that are looked up.
-const POINTS: usize = 160;
+const POINTS: usize = 128;
 /// Value of a cell that holds a surface, and of those next to one.
 const ON_SURFACE: u8 = 4;
 const NEAR_SURFACE: u8 = 3;
@@ -269,12 +269,10 @@ impl PlaceSearch {
                         continue;
                     }
                     *blocks_left = blocks_left.checked_sub(1)?;
-                    stack.push(Block {
-                        level,
-                        offset,
-                        bound: self.bound(&rotated[block.heading], level, offset),
-                        ..block
-                    });
+                    let needed = best.as_ref().map_or(least, |best| best.bound + 1);
+                    if let Some(bound) = self.bound_from(needed, &rotated[block.heading], level, offset) {
+                        stack.push(Block { level, offset, bound, ..block });
+                    }
                 }
                 // The most promising child is taken from the stack first.
                 stack[first_child..].sort_by_key(|block| block.bound);
@@ -290,6 +288,25 @@ impl PlaceSearch {
         cells.iter().map(|[x, y]| u32::from(grid.at((x + offset[0]) >> level, (y + offset[1]) >> level))).sum()
     }
 }
+
+impl PlaceSearch {
+    /// The same, if it is at least `needed`; given up once that is out of reach.
+    #[inline]
+    fn bound_from(&self, needed: u32, cells: &[[i32; 2]], level: usize, offset: [i32; 2]) -> Option<u32> {
+        let (mut sum, mut left) = (0, cells.len() as u32);
+        for part in cells.chunks(PART) {
+            sum += self.bound(part, level, offset);
+            left -= part.len() as u32;
+            if sum + left * u32::from(ON_SURFACE) < needed {
+                return None;
+            }
+        }
+        Some(sum)
+    }
+}
+
+/// Points after which it is seen whether a block can still be good enough.
+const PART: usize = 16;
 
 /// The step in heading at which few points move by more than a cell.
 fn step_rad(points: &[[f64; 2]]) -> f64 {
