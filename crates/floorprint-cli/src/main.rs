@@ -7,6 +7,7 @@ mod evaluate;
 mod figure;
 mod info;
 mod interrupt;
+mod optimize;
 mod outcome;
 mod report;
 mod run;
@@ -47,6 +48,7 @@ enum Command {
     #[command(subcommand)]
     Evaluate(evaluate::Command),
     Info(info::Arguments),
+    Optimize(optimize::Arguments),
     #[command(subcommand)]
     Config(config::Command),
     // Boxed: it has many options.
@@ -67,6 +69,7 @@ impl Command {
             Self::Simulate(arguments) => simulate::execute(arguments, terminal),
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
+            Self::Optimize(arguments) => optimize::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),
             Self::Bench(arguments) => bench::execute(arguments, terminal),
             Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),

@@ -6,7 +6,7 @@ use crate::solve::Solution;
 use crate::stopwatch::Stopwatch;
 use floorprint::Config;
 use floorprint::map::{Occupancy, Raster};
-use floorprint_io::{write_file, write_floor, write_map, write_png, write_trajectory};
+use floorprint_io::{write_file, write_floor, write_g2o, write_map, write_png, write_trajectory};
 use std::fs;
 use std::path::Path;
 
@@ -24,6 +24,9 @@ pub(crate) fn write(
 ) -> anyhow::Result<()> {
     write_trajectory(&folder.join("trajectory.tum"), &solution.trajectory)?;
     write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?;
+    if let Some(graph) = &solution.graph {
+        write_g2o(&folder.join("graph.g2o"), graph)?;
+    }
     write_map(&folder.join("map.yaml"), map)?;
     write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?;
     write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?;

@@ -5,6 +5,7 @@ use crate::figure::{DEAD_RECKONING, Figure, TRAJECTORY};
 use anyhow::Context as _;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::Frames;
+use floorprint::sensors::StampedPose;
 use floorprint::{Slam, StepReport};
 use floorprint_io::{Picture, write_animated_png, write_png};
 use std::fs;
@@ -19,6 +20,8 @@ struct Moment {
     map: Raster<Occupancy>,
     /// How many steps had been taken.
     steps: usize,
+    /// The trajectory as it was known then.
+    trajectory: Vec<StampedPose>,
 }
 
 /// Collects moments on the way and draws them at the end, when the map's extent is known.
@@ -38,7 +41,8 @@ impl Snapshots {
         let Some(now) = steps.last() else { return };
         let due = self.moments.last().is_none_or(|last| now.stamp_s >= last.stamp_s + self.every_s);
         if due && let Some(map) = slam.map(frames.iter().take(steps.len())).to_raster() {
-            self.moments.push(Moment { stamp_s: now.stamp_s, map, steps: steps.len() });
+            let trajectory = slam.trajectory();
+            self.moments.push(Moment { stamp_s: now.stamp_s, map, steps: steps.len(), trajectory });
         }
     }
 
@@ -62,9 +66,9 @@ impl Snapshots {
         let mut figure = Figure::of_map(&self.on_common_ground(&moment.map));
         let steps = &steps[..moment.steps];
         figure.draw_line(steps.iter().map(|step| [step.dead_reckoning.x, step.dead_reckoning.y]), DEAD_RECKONING, 2.0);
-        figure.draw_line(steps.iter().map(|step| [step.filter.pose.x, step.filter.pose.y]), TRAJECTORY, 2.0);
-        if let Some(now) = steps.last() {
-            figure.draw_disc([now.filter.pose.x, now.filter.pose.y], TRAJECTORY, 5.0);
+        figure.draw_line(moment.trajectory.iter().map(|stamped| [stamped.pose.x, stamped.pose.y]), TRAJECTORY, 2.0);
+        if let Some(now) = moment.trajectory.last() {
+            figure.draw_disc([now.pose.x, now.pose.y], TRAJECTORY, 5.0);
         }
         figure.into_picture()
     }

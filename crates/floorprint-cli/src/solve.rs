@@ -8,6 +8,7 @@ use floorprint::geometry::Pose2;
 use floorprint::loop_closure::ClosureReport;
 use floorprint::map::OccupancyGrid;
 use floorprint::odometry::{Frames, SynchronisationSummary, Trajectory};
+use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
 use floorprint::{Config, Phase, Profiler, Slam, StepReport};
@@ -26,6 +27,8 @@ pub(crate) struct Solution {
     pub(crate) odometry: Vec<StampedPose>,
     /// Every comparison of places that were passed more than once.
     pub(crate) closures: Vec<ClosureReport>,
+    /// The pose graph of the submaps, where loops were closed.
+    pub(crate) graph: Option<PoseGraph>,
     /// The occupancy grid.
     pub(crate) map: OccupancyGrid,
     /// The painted floor, where there were images.
@@ -126,6 +129,7 @@ pub(crate) fn solve(
         summary: frames.summary().clone(),
         trajectory: result.trajectory,
         closures: result.closures,
+        graph: result.graph,
         map: result.map,
         steps,
         floor,

@@ -6,6 +6,7 @@ use crate::frame::Frame;
 use crate::geometry::Pose2;
 use crate::loop_closure::{ClosureReport, LoopCloser, corrected_poses, map_of, refine};
 use crate::map::OccupancyGrid;
+use crate::pose_graph::PoseGraph;
 use crate::profiler::{Phase, Profiler};
 use crate::sensors::StampedPose;
 use thiserror::Error;
@@ -70,6 +71,8 @@ pub struct SlamResult {
     pub map: OccupancyGrid,
     /// Every comparison of two places, and what became of it.
     pub closures: Vec<ClosureReport>,
+    /// The pose graph of the submaps, where loops are closed.
+    pub graph: Option<PoseGraph>,
 }
 
 impl Slam {
@@ -172,7 +175,8 @@ impl Slam {
             Filter::RaoBlackwellized(filter, Some(closing)) => (filter, closing),
             _ => {
                 profiler.enter(Phase::Map);
-                return SlamResult { map: self.map(frames()), trajectory: self.trajectory(), closures: Vec::new() };
+                let (map, trajectory) = (self.map(frames()), self.trajectory());
+                return SlamResult { map, trajectory, closures: Vec::new(), graph: None };
             }
         };
         profiler.enter(Phase::LoopClosure);
@@ -187,7 +191,7 @@ impl Slam {
         set_poses(&mut trajectory, &poses);
         profiler.enter(Phase::Map);
         let map = OccupancyGrid::along(&trajectory, frames(), &self.config.map);
-        SlamResult { trajectory, map, closures: closed.closures }
+        SlamResult { trajectory, map, closures: closed.closures, graph: Some(closed.graph) }
     }
 }
 

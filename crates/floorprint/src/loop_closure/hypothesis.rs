@@ -96,6 +96,12 @@ impl Hypothesis {
         }
     }
 
+    /// The pose graph; its nodes are the submaps.
+    #[must_use]
+    pub fn graph(&self) -> &PoseGraph {
+        &self.graph
+    }
+
     /// The submaps' poses: world from submap.
     #[must_use]
     pub fn poses(&self) -> &[Pose2] {

@@ -10,6 +10,7 @@ use super::hypothesis::Hypothesis;
 use super::submap::{Submap, SubmapBuilder};
 use super::{Anchor, ClosureReport, KeyScan, LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
+use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
 use std::collections::VecDeque;
 
@@ -47,6 +48,8 @@ pub struct ClosedLoops {
     pub anchors: Vec<Anchor>,
     /// Every comparison, and what became of it.
     pub closures: Vec<ClosureReport>,
+    /// The likeliest account's graph; its nodes are the submaps.
+    pub graph: PoseGraph,
 }
 
 /// Accounts that are this much less likely than the best are given up, in log-likelihood.
@@ -232,7 +235,7 @@ impl LoopCloser {
         self.submaps.extend(self.builder.clone().finish());
         while self.work() {}
         self.hypotheses[0].settle();
-        ClosedLoops { anchors: self.anchors(), closures: self.reports() }
+        ClosedLoops { anchors: self.anchors(), closures: self.reports(), graph: self.hypotheses[0].graph().clone() }
     }
 
     /// What became of every comparison, as the heaviest account has it.
