@@ -1,8 +1,8 @@
 //! Drives a log to and fro, again and again, and says what a scan costs the filter and how much memory it holds:
 //! `cargo run --release -p floorprint-cli --example soak -- LOG [DRIVES]`.
 //!
-//! The way back is the log's scans in reverse order with inverted motions. Loops are never closed: what grows from
-//! drive to drive is what closing them will need, the trajectory and the scans that were written into the map.
+//! The way back is the log's scans in reverse order with inverted motions. Loops are closed on the way, as on a live robot;
+//! from drive to drive only the trajectory and the pose graph grow.
 
 use anyhow::Context;
 use floorprint::odometry::Frames;

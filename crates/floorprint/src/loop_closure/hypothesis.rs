@@ -23,13 +23,24 @@ pub struct Hypothesis {
     closures: Vec<Closure>,
     /// How many submaps in a row should have been recognised and were not.
     misses: i32,
+    /// Submaps that show nothing new and left the graph.
+    attached: Vec<Attached>,
+}
+
+/// A submap that lies on an older one and was taken out of the graph.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Attached {
+    node: usize,
+    older: usize,
+    older_from_node: Pose2,
+    information: Matrix3<f64>,
 }
 
 /// A placement that became a factor of the graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Closure {
-    /// Number of the factor in the graph.
-    factor: usize,
+    /// Number of the factor in the graph; `None` once the submap left it.
+    factor: Option<usize>,
     /// Number of the comparison.
     pub comparison: usize,
     /// Number of its placement.
@@ -93,6 +104,7 @@ impl Hypothesis {
             log_weight: 0.0,
             closures: Vec::new(),
             misses: 0,
+            attached: Vec::new(),
         }
     }
 
@@ -102,7 +114,7 @@ impl Hypothesis {
         &self.graph
     }
 
-    /// The submaps' poses: world from submap.
+    /// The submaps' poses, world from submap; of those that left the graph as they were then.
     #[must_use]
     pub fn poses(&self) -> &[Pose2] {
         self.graph.poses()
@@ -117,7 +129,47 @@ impl Hypothesis {
     /// Whether a closure still pulls, or is contradicted by the rest of the graph.
     #[must_use]
     pub fn is_in_force(&self, closure: &Closure) -> bool {
-        self.graph.squared_error(closure.factor) < CONFLICT
+        closure.factor.is_none_or(|factor| self.graph.squared_error(factor) < CONFLICT)
+    }
+
+    /// Takes a submap that lies on an older one out of the graph, so that the graph grows with the area that
+    /// was seen and not with time: the next submap is tied to the older one instead. Leaves the graph as it is
+    /// where the account does not hold the submap for recognised.
+    pub fn attach(&mut self, node: usize) {
+        let factors = self.graph.between_factors();
+        let closures = self.closures.iter().rev().take(RECENT_CLOSURES).filter(|closure| self.is_in_force(closure));
+        let of_node = closures.filter_map(|closure| closure.factor).filter(|&factor| factors[factor].to == node);
+        let best = of_node
+            .max_by(|&a, &b| factors[a].information.trace().total_cmp(&factors[b].information.trace()).then(b.cmp(&a)));
+        let next = factors.iter().rposition(|factor| factor.from == node && factor.to == node + 1);
+        let (Some(best), Some(next)) = (best, next) else { return };
+        let (closure, chain) = (factors[best].clone(), factors[next].clone());
+        let older_from_node = self.poses()[closure.from].between(&self.poses()[node]);
+        let adjoint = chain.from_from_to.inverse().adjoint();
+        let inverse = |information: &Matrix3<f64>| information.try_inverse().unwrap_or_else(Matrix3::identity);
+        let covariance = adjoint * inverse(&closure.information) * adjoint.transpose() + inverse(&chain.information);
+        let numbers = self.graph.retain_between(|_, factor| factor.from != node && factor.to != node);
+        for closure in &mut self.closures {
+            closure.factor = closure.factor.and_then(|factor| numbers[factor]);
+        }
+        let _ = self.graph.add_between(BetweenFactor {
+            from: closure.from,
+            to: node + 1,
+            from_from_to: older_from_node.compose(&chain.from_from_to),
+            information: symmetric(&inverse(&covariance)),
+            ..chain
+        });
+        self.attached.push(Attached { node, older: closure.from, older_from_node, information: closure.information });
+    }
+
+    /// The submaps' poses, also of those that left the graph.
+    #[must_use]
+    pub fn all_poses(&self) -> Vec<Pose2> {
+        let mut poses = self.poses().to_vec();
+        for attached in &self.attached {
+            poses[attached.node] = poses[attached.older].compose(&attached.older_from_node);
+        }
+        poses
     }
 
     /// Takes in the next submap: tied to the one before as the front end has it.
@@ -299,7 +351,7 @@ impl Hypothesis {
             let factor = closure_factor(compared, &compared.placements[placement], config)?;
             let factor = self.graph.add_between(factor).ok()?;
             worst = worst.max(self.graph.squared_error(factor));
-            self.closures.push(Closure { factor, comparison, placement });
+            self.closures.push(Closure { factor: Some(factor), comparison, placement });
         }
         // Half the degrees of freedom of each new closure are what it costs when all is well.
         let well = cost_before + 1.5 * cluster.members.len() as f64;
@@ -364,9 +416,21 @@ impl Hypothesis {
         }
     }
 
-    /// Solves the graph to the end.
+    /// Solves the graph to the end and brings back the submaps that left it.
     pub fn settle(&mut self) {
         let _ = self.optimizer.optimize(&mut self.graph);
+        let poses = self.all_poses();
+        self.graph.poses_mut().copy_from_slice(&poses);
+        for attached in std::mem::take(&mut self.attached) {
+            let _ = self.graph.add_between(BetweenFactor {
+                from: attached.older,
+                to: attached.node,
+                from_from_to: attached.older_from_node,
+                information: attached.information,
+                kernel: RobustKernel::Quadratic,
+                weight: 1.0,
+            });
+        }
     }
 
     /// Whether two accounts have come to the same picture of the drive.
@@ -379,6 +443,8 @@ impl Hypothesis {
     }
 }
 
+/// A submap's closures are among the newest so many.
+const RECENT_CLOSURES: usize = 100;
 /// Steps from trusting all factors to doubting those that do not fit.
 const GRADUATION_STAGES: i32 = 8;
 /// An account is sure where a submap lies when it doubts it by less than this, metres …

@@ -202,6 +202,9 @@ impl LoopCloser {
         self.submaps[job.newer].is_known = of_this.filter(is_covered).count() > 0;
         if let Some(past) = job.newer.checked_sub(KEPT_SUBMAPS).filter(|&past| self.submaps[past].is_known) {
             self.submaps[past].forget();
+            for hypothesis in &mut self.hypotheses {
+                hypothesis.attach(past);
+            }
         }
     }
 
@@ -217,10 +220,10 @@ impl LoopCloser {
     /// The drive as the heaviest account has it now.
     #[must_use]
     pub fn anchors(&self) -> Vec<Anchor> {
-        let poses = self.hypotheses[0].poses();
+        let poses = self.hypotheses[0].all_poses();
         let anchor =
             |(submap, &pose): (&Submap, &Pose2)| Anchor { frame: submap.first, pose, starts_anew: submap.starts_anew };
-        self.submaps.iter().zip(poses).map(anchor).collect()
+        self.submaps.iter().zip(&poses).map(anchor).collect()
     }
 
     /// How many accounts of the drive are held for possible.

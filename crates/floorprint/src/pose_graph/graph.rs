@@ -179,6 +179,21 @@ impl PoseGraph {
         self.between.remove(between_factor)
     }
 
+    /// Takes out the relative measurements that are not to be kept; gives the new number of each of the old ones.
+    pub fn retain_between(&mut self, mut keep: impl FnMut(usize, &BetweenFactor) -> bool) -> Vec<Option<usize>> {
+        let mut numbers = Vec::with_capacity(self.between.len());
+        let mut kept = Vec::with_capacity(self.between.len());
+        for (number, factor) in std::mem::take(&mut self.between).into_iter().enumerate() {
+            let is_kept = keep(number, &factor);
+            numbers.push(is_kept.then_some(kept.len()));
+            if is_kept {
+                kept.push(factor);
+            }
+        }
+        self.between = kept;
+        numbers
+    }
+
     /// Squared Mahalanobis error of a relative measurement at the current estimates,
     /// without its weight and kernel: what a χ² test with three degrees of freedom takes.
     ///
