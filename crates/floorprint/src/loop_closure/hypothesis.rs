@@ -134,20 +134,46 @@ impl Hypothesis {
 
     /// Takes a submap that lies on an older one out of the graph, so that the graph grows with the area that
     /// was seen and not with time: the next submap is tied to the older one instead. Leaves the graph as it is
-    /// where the account does not hold the submap for recognised.
-    pub fn attach(&mut self, node: usize) {
+    /// where the account does not hold the submap for recognised on one of the first `long_ago`.
+    pub fn attach(&mut self, node: usize, long_ago: usize) {
         let factors = self.graph.between_factors();
         let closures = self.closures.iter().rev().take(RECENT_CLOSURES).filter(|closure| self.is_in_force(closure));
-        let of_node = closures.filter_map(|closure| closure.factor).filter(|&factor| factors[factor].to == node);
-        let best = of_node
+        let of_node = closures
+            .filter_map(|closure| closure.factor)
+            .filter(|&factor| factors[factor].to == node && factors[factor].from < long_ago);
+        // Where the way leads along one that was driven before, its links say nothing new; where it leads from one
+        // old place to another they do.
+        let leads_along = |older: usize, neighbour: usize| {
+            let recent = factors.iter().rev().take_while(|factor| factor.to + RECENT_CLOSURES > node);
+            recent
+                .filter(|factor| factor.to == neighbour && factor.from < long_ago)
+                .any(|factor| factor.from.abs_diff(older) <= ALONG)
+        };
+        let was_attached_along = |older: usize, neighbour: usize| {
+            let recent = self.attached.iter().rev().take(2);
+            recent.clone().any(|attached| attached.node == neighbour && attached.older.abs_diff(older) <= ALONG)
+        };
+        let along = of_node.filter(|&factor| {
+            let older = factors[factor].from;
+            leads_along(older, node + 1)
+                && node
+                    .checked_sub(1)
+                    .is_some_and(|before| was_attached_along(older, before) || leads_along(older, before))
+        });
+        let best = along
             .max_by(|&a, &b| factors[a].information.trace().total_cmp(&factors[b].information.trace()).then(b.cmp(&a)));
         let next = factors.iter().rposition(|factor| factor.from == node && factor.to == node + 1);
         let (Some(best), Some(next)) = (best, next) else { return };
         let (closure, chain) = (factors[best].clone(), factors[next].clone());
+        let inverse = |information: &Matrix3<f64>| information.try_inverse().unwrap_or_else(Matrix3::identity);
+        let covariance = inverse(&closure.information);
+        // Along a bare corridor the closure knows less than the way there.
+        if covariance[(0, 0)] + covariance[(1, 1)] > 2.0 * ATTACHED_SIGMA_M * ATTACHED_SIGMA_M {
+            return;
+        }
         let older_from_node = self.poses()[closure.from].between(&self.poses()[node]);
         let adjoint = chain.from_from_to.inverse().adjoint();
-        let inverse = |information: &Matrix3<f64>| information.try_inverse().unwrap_or_else(Matrix3::identity);
-        let covariance = adjoint * inverse(&closure.information) * adjoint.transpose() + inverse(&chain.information);
+        let covariance = adjoint * covariance * adjoint.transpose() + inverse(&chain.information);
         let numbers = self.graph.retain_between(|_, factor| factor.from != node && factor.to != node);
         for closure in &mut self.closures {
             closure.factor = closure.factor.and_then(|factor| numbers[factor]);
@@ -443,6 +469,10 @@ impl Hypothesis {
     }
 }
 
+/// Older submaps this near to each other, in numbers, lie along one way.
+const ALONG: usize = 2;
+/// Submaps leave the graph only where they lie on an older one with at most this standard deviation, metres.
+const ATTACHED_SIGMA_M: f64 = 0.05;
 /// A submap's closures are among the newest so many.
 const RECENT_CLOSURES: usize = 100;
 /// Steps from trusting all factors to doubting those that do not fit.

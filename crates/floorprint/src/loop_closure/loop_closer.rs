@@ -60,8 +60,8 @@ const SAME_EXPECTATION_RAD: f64 = 0.04;
 /// A robot that was carried elsewhere is looked for on so many submaps.
 const MOST_WHEN_LOST: usize = 60;
 /// A submap is known when so much of it was in view of an older one, and so much of that lies on it.
-const KNOWN_OVERLAP_SHARE: f64 = 0.9;
-const KNOWN_INLIER_SHARE: f64 = 0.85;
+const KNOWN_OVERLAP_SHARE: f64 = 0.75;
+const KNOWN_INLIER_SHARE: f64 = 0.8;
 /// The newest submaps are kept even when they are known.
 const KEPT_SUBMAPS: usize = 3;
 /// Doubt widens the circle of candidates by at most this, metres.
@@ -194,18 +194,27 @@ impl LoopCloser {
     /// seen, not with time. Its neighbours are compared yet, so that it is forgotten a little later.
     fn note_if_known(&mut self, job: &Job) {
         let is_covered = |closure: &&super::Closure| {
-            let placement = &self.comparisons[closure.comparison].placements[closure.placement];
-            placement.overlap_shares[0] > KNOWN_OVERLAP_SHARE && placement.inlier_shares[0] > KNOWN_INLIER_SHARE
+            let comparison = &self.comparisons[closure.comparison];
+            let placement = &comparison.placements[closure.placement];
+            self.is_long_ago(comparison.older, job.newer)
+                && placement.overlap_shares[0] > KNOWN_OVERLAP_SHARE
+                && placement.inlier_shares[0] > KNOWN_INLIER_SHARE
         };
         let closures = self.hypotheses[0].closures().iter().rev();
         let of_this = closures.take_while(|closure| closure.comparison >= job.first);
         self.submaps[job.newer].is_known = of_this.filter(is_covered).count() > 0;
         if let Some(past) = job.newer.checked_sub(KEPT_SUBMAPS).filter(|&past| self.submaps[past].is_known) {
             self.submaps[past].forget();
+            let long_ago = (0..past).take_while(|&older| self.is_long_ago(older, past)).count();
             for hypothesis in &mut self.hypotheses {
-                hypothesis.attach(past);
+                hypothesis.attach(past, long_ago);
             }
         }
+    }
+
+    /// Whether an older submap was made so long before a newer one that it is no part of the same passage.
+    fn is_long_ago(&self, older: usize, newer: usize) -> bool {
+        self.submaps[newer].path_m - self.submaps[older].path_m > 2.0 * self.config.window_m
     }
 
     /// How the heaviest account moves what the front end says: world from the front end's world.
