@@ -9,7 +9,7 @@ use rand::RngExt;
 type Builder = fn(u64) -> FloorPlan;
 
 /// Every world with the function that draws it.
-const WORLDS: [(&str, Builder); 13] = [
+const WORLDS: [(&str, Builder); 14] = [
     ("rooms", rooms),
     ("corridors", corridors),
     ("loop", small_loop),
@@ -23,6 +23,7 @@ const WORLDS: [(&str, Builder); 13] = [
     ("main_building", main_building),
     ("large_hall", large_hall),
     ("identical_rooms", identical_rooms),
+    ("look_alike", look_alike),
 ];
 
 impl World {
@@ -273,6 +274,33 @@ fn identical_rooms(seed: u64) -> FloorPlan {
         let center = Pose2::new(about(room.x[0] + from_corner_m[0]), about(room.y[0] + from_corner_m[1]), about(0.0));
         plan.crate_box(center, [0.7, 0.4], [150, 110, 70]);
     }
+    plan
+}
+
+/// A ring whose first side has a recess every three metres, all alike, and nothing else until a side
+/// corridor tells one from the other. On the side across 36 m of wall are bare: a robot that sees no
+/// farther than a few metres has but its wheels there, and comes round unsure which recess is which.
+fn look_alike(seed: u64) -> FloorPlan {
+    const PERIOD_M: f64 = 3.0;
+    let mut plan = FloorPlan::new(seed, 15);
+    let [length_m, depth_m] = [60.0, 30.0];
+    plan.space([0.0, length_m], [0.0, 2.0]);
+    plan.space([0.0, length_m], [depth_m - 2.0, depth_m]);
+    for x in [[0.0, 2.0], [length_m - 2.0, length_m]] {
+        let side = plan.space(x, [0.0, depth_m]);
+        plan.niches(Rectangle { x: side.x, y: [2.0, depth_m - 2.0] });
+    }
+    for recess in 1..14 {
+        let from = PERIOD_M * f64::from(recess);
+        plan.space([from, from + 1.0], [-0.12, 2.12]);
+    }
+    plan.space([46.0, 48.0], [2.0, 8.0]);
+    plan.niches(Rectangle { x: [48.5, length_m - 2.0], y: [0.0, 2.0] });
+    for x in [[2.0, 10.0], [46.0, length_m - 2.0]] {
+        plan.niches(Rectangle { x, y: [depth_m - 2.0, depth_m] });
+    }
+    let [right, top] = [length_m - 1.0, depth_m - 1.0];
+    plan.drive_to(&[[20.0, 1.0], [right, 1.0], [right, top], [1.0, top], [1.0, 1.0], [56.0, 1.0]]);
     plan
 }
 
