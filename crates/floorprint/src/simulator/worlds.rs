@@ -277,30 +277,31 @@ fn identical_rooms(seed: u64) -> FloorPlan {
     plan
 }
 
-/// A ring whose first side has a recess every three metres, all alike, and nothing else until a side
-/// corridor tells one from the other. On the side across 36 m of wall are bare: a robot that sees no
-/// farther than a few metres has but its wheels there, and comes round unsure which recess is which.
+/// A ring whose first side has a recess every few metres, all alike, and nothing else until a side
+/// corridor tells which is which. Across it 36 m of wall are bare: a robot that sees no farther than
+/// some metres has but its wheels there, and comes round unsure at which recess it is.
 fn look_alike(seed: u64) -> FloorPlan {
-    const PERIOD_M: f64 = 3.0;
+    const PERIOD_M: f64 = 2.5;
     let mut plan = FloorPlan::new(seed, 15);
-    let [length_m, depth_m] = [60.0, 30.0];
-    plan.space([0.0, length_m], [0.0, 2.0]);
-    plan.space([0.0, length_m], [depth_m - 2.0, depth_m]);
-    for x in [[0.0, 2.0], [length_m - 2.0, length_m]] {
-        let side = plan.space(x, [0.0, depth_m]);
-        plan.niches(Rectangle { x: side.x, y: [2.0, depth_m - 2.0] });
-    }
-    for recess in 1..14 {
+    plan.space([0.0, 60.0], [0.0, 2.0]);
+    for recess in 1..=16 {
         let from = PERIOD_M * f64::from(recess);
         plan.space([from, from + 1.0], [-0.12, 2.12]);
     }
-    plan.space([46.0, 48.0], [2.0, 8.0]);
-    plan.niches(Rectangle { x: [48.5, length_m - 2.0], y: [0.0, 2.0] });
-    for x in [[2.0, 10.0], [46.0, length_m - 2.0]] {
-        plan.niches(Rectangle { x, y: [depth_m - 2.0, depth_m] });
+    plan.space([44.0, 46.0], [2.0, 8.0]);
+    plan.space([0.0, 60.0], [14.0, 16.0]);
+    plan.space([0.0, 2.0], [0.0, 16.0]);
+    plan.space([58.0, 60.0], [0.0, 16.0]);
+    for (x, y) in [
+        ([46.5, 58.0], [0.0, 2.0]),
+        ([58.0, 60.0], [2.0, 14.0]),
+        ([46.0, 58.0], [14.0, 16.0]),
+        ([2.0, 10.0], [14.0, 16.0]),
+        ([0.0, 2.0], [2.0, 14.0]),
+    ] {
+        plan.niches(Rectangle { x, y });
     }
-    let [right, top] = [length_m - 1.0, depth_m - 1.0];
-    plan.drive_to(&[[20.0, 1.0], [right, 1.0], [right, top], [1.0, top], [1.0, 1.0], [56.0, 1.0]]);
+    plan.drive_to(&[[28.0, 1.0], [59.0, 1.0], [59.0, 15.0], [1.0, 15.0], [1.0, 1.0], [48.0, 1.0]]);
     plan
 }
 
