@@ -4,8 +4,9 @@
 
 mod simulation;
 
+use floorprint::simulator::{Fault, SimulationConfig};
 use rayon::ThreadPoolBuilder;
-use simulation::solve;
+use simulation::{quick, solve, solve_as};
 
 #[test]
 fn small_worlds_are_mapped_to_a_few_centimetres() {
@@ -30,6 +31,21 @@ fn corridors_that_look_the_same_are_not_confused() {
     let outcome = solve("five_corridors", 2, &[], "");
     assert!(outcome.error.translation_m.max < 0.15, "{outcome}");
     assert!(outcome.final_m < 0.1, "{outcome}");
+}
+
+/// The wheels spin where the robot sees bare walls only: it comes back 1.5 m behind where it thinks
+/// it is, to recesses 2.5 m apart. The nearest that fits is the wrong one.
+#[test]
+fn places_that_look_alike_are_told_apart_by_what_comes_later() {
+    let mut simulation =
+        SimulationConfig { faults: vec![Fault::WheelSlip { from_s: 80.0, for_s: 3.0, share: 0.5 }], ..quick() };
+    simulation.lidar.range_max_m = 8.0;
+    for seed in 1..=3 {
+        let drive = |settings| solve_as("look_alike", seed, simulation.clone(), settings);
+        let (one, several) = (drive("[loop_closure]\nhypotheses = 1"), drive(""));
+        assert!(one.final_m > 0.5 && one.wrong_closures > 0, "a single account, seed {seed}: {one}");
+        assert!(several.final_m < 0.1 && several.wrong_closures == 0, "several accounts, seed {seed}: {several}");
+    }
 }
 
 #[test]

@@ -339,6 +339,8 @@ impl Hypothesis {
                 offset.distance() < AGREEMENT_M && offset.theta.abs() < AGREEMENT_RAD
             };
             match clusters.iter_mut().find(agrees) {
+                // Places found by one comparison exclude each other, however near: the better fit came first.
+                Some(cluster) if cluster.members.iter().any(|&(other, _)| other == member.0) => {}
                 Some(cluster) => cluster.members.push(member),
                 None => clusters.push(Cluster { world_from_middle, members: vec![member], quality, deficit: 0.0 }),
             }

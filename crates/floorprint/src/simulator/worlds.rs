@@ -9,7 +9,7 @@ use rand::RngExt;
 type Builder = fn(u64) -> FloorPlan;
 
 /// Every world with the function that draws it.
-const WORLDS: [(&str, Builder); 13] = [
+const WORLDS: [(&str, Builder); 14] = [
     ("rooms", rooms),
     ("corridors", corridors),
     ("loop", small_loop),
@@ -23,6 +23,7 @@ const WORLDS: [(&str, Builder); 13] = [
     ("main_building", main_building),
     ("large_hall", large_hall),
     ("identical_rooms", identical_rooms),
+    ("look_alike", look_alike),
 ];
 
 impl World {
@@ -273,6 +274,34 @@ fn identical_rooms(seed: u64) -> FloorPlan {
         let center = Pose2::new(about(room.x[0] + from_corner_m[0]), about(room.y[0] + from_corner_m[1]), about(0.0));
         plan.crate_box(center, [0.7, 0.4], [150, 110, 70]);
     }
+    plan
+}
+
+/// A ring whose first side has a recess every few metres, all alike, and nothing else until a side
+/// corridor tells which is which. Across it 36 m of wall are bare: a robot that sees no farther than
+/// some metres has but its wheels there, and comes round unsure at which recess it is.
+fn look_alike(seed: u64) -> FloorPlan {
+    const PERIOD_M: f64 = 2.5;
+    let mut plan = FloorPlan::new(seed, 15);
+    plan.space([0.0, 60.0], [0.0, 2.0]);
+    for recess in 1..=16 {
+        let from = PERIOD_M * f64::from(recess);
+        plan.space([from, from + 1.0], [-0.12, 2.12]);
+    }
+    plan.space([44.0, 46.0], [2.0, 8.0]);
+    plan.space([0.0, 60.0], [14.0, 16.0]);
+    plan.space([0.0, 2.0], [0.0, 16.0]);
+    plan.space([58.0, 60.0], [0.0, 16.0]);
+    for (x, y) in [
+        ([46.5, 58.0], [0.0, 2.0]),
+        ([58.0, 60.0], [2.0, 14.0]),
+        ([46.0, 58.0], [14.0, 16.0]),
+        ([2.0, 10.0], [14.0, 16.0]),
+        ([0.0, 2.0], [2.0, 14.0]),
+    ] {
+        plan.niches(Rectangle { x, y });
+    }
+    plan.drive_to(&[[28.0, 1.0], [59.0, 1.0], [59.0, 15.0], [1.0, 15.0], [1.0, 1.0], [48.0, 1.0]]);
     plan
 }
 
