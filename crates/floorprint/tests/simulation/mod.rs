@@ -5,6 +5,7 @@
 
 use floorprint::config::Layer;
 use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions};
+use floorprint::loop_closure::Verdict;
 use floorprint::odometry::Frames;
 use floorprint::sensors::RobotConfig;
 use floorprint::simulator::{Fault, SimulationConfig, World, simulate};
@@ -27,6 +28,8 @@ pub struct Outcome {
     pub misfits_s: Vec<f64>,
     /// Distance from the truth at every scan: seconds since the first scan, metres.
     errors: Vec<(f64, f64)>,
+    /// How far each closure in force is off: metres, radians.
+    pub closure_errors: Vec<(f64, f64)>,
 }
 
 impl Outcome {
@@ -36,6 +39,11 @@ impl Outcome {
 
     pub fn misfits_within(&self, from_s: f64, to_s: f64) -> usize {
         self.misfits_s.iter().filter(|time_s| (from_s..to_s).contains(*time_s)).count()
+    }
+
+    /// How far the worst closure in force is off: metres, radians, each by itself.
+    pub fn worst_closure(&self) -> (f64, f64) {
+        self.closure_errors.iter().fold((0.0, 0.0), |worst, error| (worst.0.max(error.0), worst.1.max(error.1)))
     }
 
     /// The largest error up to a time, metres.
@@ -48,12 +56,14 @@ impl fmt::Display for Outcome {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             out,
-            "RMSE {:.4} m {:.3}°, largest {:.3} m, at the end {:.3} m; dead reckoning {:.3} m; rejected at {:.2?} s, misfits at {:.2?} s",
+            "RMSE {:.4} m {:.3}°, largest {:.3} m, at the end {:.3} m; dead reckoning {:.3} m; {} closures, off by up to {:.3?} m, rad; rejected at {:.2?} s, misfits at {:.2?} s",
             self.error.translation_m.rmse,
             self.error.rotation_deg.rmse,
             self.error.translation_m.max,
             self.final_m,
             self.dead_reckoning.translation_m.max,
+            self.closure_errors.len(),
+            self.worst_closure(),
             self.rejected_s,
             self.misfits_s
         )
@@ -64,6 +74,15 @@ impl fmt::Display for Outcome {
 pub fn solve(world: &str, seed: u64, faults: &[Fault], settings: &str) -> Outcome {
     let mut simulation = SimulationConfig { faults: faults.to_vec(), ..SimulationConfig::default() };
     (simulation.lidar.beams, simulation.lidar.rate_hz, simulation.camera.rate_hz) = (361, 10.0, 0.0);
+    solve_simulated(world, seed, simulation, settings)
+}
+
+/// Drives through a world with the sensors of the old robots of the benchmarks and solves it with the defaults.
+pub fn solve_sparse(world: &str, seed: u64) -> Outcome {
+    solve_simulated(world, seed, SimulationConfig::default().with_sparse_lidar(), "")
+}
+
+fn solve_simulated(world: &str, seed: u64, simulation: SimulationConfig, settings: &str) -> Outcome {
     let drive = simulate(World::named(world, seed).unwrap(), simulation, seed).unwrap();
     let layers = [Layer::from_robot(&RobotConfig::ece276a()), Layer::from_toml("settings", settings).unwrap()];
     let config = Config::resolve(&layers).unwrap();
@@ -91,6 +110,14 @@ pub fn solve(world: &str, seed: u64, faults: &[Fault], settings: &str) -> Outcom
         .collect();
     let compare = |poses: &[_]| TrajectoryError::new(poses, &truth, &TrajectoryErrorOptions::default()).unwrap();
     let dead_reckoning: Vec<_> = frames.dead_reckoned_poses().collect();
+    let in_force = result.closures.iter().filter(|closure| closure.verdict == Verdict::Accepted);
+    let closure_errors = in_force
+        .map(|closure| {
+            let [older, newer] = closure.frames.map(|frame| drive.true_pose(result.trajectory[frame].stamp_s));
+            let error = older.between(&newer).between(&closure.middle_from_middle);
+            (error.distance(), error.theta.abs())
+        })
+        .collect();
     Outcome {
         error: compare(&result.trajectory),
         dead_reckoning: compare(&dead_reckoning),
@@ -98,6 +125,7 @@ pub fn solve(world: &str, seed: u64, faults: &[Fault], settings: &str) -> Outcom
         rejected_s,
         misfits_s,
         errors,
+        closure_errors,
         result,
     }
 }
