@@ -50,7 +50,7 @@ pub struct Slam {
 #[derive(Debug)]
 enum Filter {
     SharedMap(SharedMapFilter),
-    RaoBlackwellized(RaoBlackwellizedFilter, Option<LoopClosing>),
+    RaoBlackwellized(RaoBlackwellizedFilter, Option<Box<LoopClosing>>),
     Grisetti2007(GrisettiFilter),
 }
 
@@ -86,7 +86,7 @@ impl Slam {
                     closer: LoopCloser::new(&config.loop_closure, &config.matcher),
                     key_frames: Vec::new(),
                 });
-                Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config), closing)
+                Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config), closing.map(Box::new))
             }
             FilterKind::Grisetti2007 => Filter::Grisetti2007(GrisettiFilter::new(config)),
         };
@@ -172,7 +172,7 @@ impl Slam {
     #[must_use]
     pub fn finish<I: Iterator<Item = Frame>>(self, frames: impl Fn() -> I, profiler: &mut dyn Profiler) -> SlamResult {
         let (filter, LoopClosing { closer, key_frames }) = match self.filter {
-            Filter::RaoBlackwellized(filter, Some(closing)) => (filter, closing),
+            Filter::RaoBlackwellized(filter, Some(closing)) => (filter, *closing),
             _ => {
                 profiler.enter(Phase::Map);
                 let (map, trajectory) = (self.map(frames()), self.trajectory());

@@ -46,6 +46,7 @@ mod tests {
             index,
             stamp_s: 0.5 * index as f64,
             dead_reckoning: Pose2::IDENTITY,
+            pose: Pose2::IDENTITY,
             filter: FilterStep {
                 pose: Pose2::IDENTITY,
                 effective_particles: 1.0,

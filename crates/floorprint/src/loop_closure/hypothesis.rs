@@ -94,6 +94,12 @@ struct Cluster {
     deficit: f64,
 }
 
+impl Default for Hypothesis {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Hypothesis {
     /// Nothing seen yet.
     #[must_use]

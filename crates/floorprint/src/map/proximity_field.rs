@@ -73,10 +73,12 @@ impl ProximityField {
     #[inline]
     fn position(&self, cell: Cell) -> Option<usize> {
         let (x, y) = (cell.x.checked_sub(self.low.x)?, cell.y.checked_sub(self.low.y)?);
-        let (column, row) = (usize::try_from(x / self.stride).ok()?, usize::try_from(y / self.stride).ok()?);
+        if x < 0 || y < 0 {
+            return None;
+        }
+        let (column, row) = ((x / self.stride) as usize, (y / self.stride) as usize);
         let grid = (y % self.stride * self.stride + x % self.stride) as usize;
-        (x >= 0 && y >= 0 && column < self.columns && row < self.rows)
-            .then_some((grid * self.rows + row) * self.columns + column)
+        (column < self.columns && row < self.rows).then_some((grid * self.rows + row) * self.columns + column)
     }
 
     /// Adds to `scores` how near the point in `cell` comes to a surface under each shift.

@@ -2,7 +2,7 @@
 
 use super::OdometryVerdict;
 use super::synthetic::Walls;
-use super::{MatcherConfig, PoseBelief, SurfaceScan, locate, match_scan};
+use super::{MatcherConfig, PoseBelief, SurfaceScan, locate, match_scan, without_hearsay};
 use crate::frame::BodyScan;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::SurfaceMap;
@@ -10,6 +10,7 @@ use crate::random::{Stage, generator};
 use nalgebra::Matrix3;
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::TAU;
 
 fn map_seen_from(walls: &Walls, poses: &[Pose2]) -> SurfaceMap {
     let config = MatcherConfig::default();
@@ -186,6 +187,109 @@ fn a_wall_seen_by_few_rays_has_its_normal_too() {
     for (_, [nx, ny]) in ahead {
         assert!(nx.abs() > 0.99 && ny.abs() < 0.05, "{nx}, {ny}");
     }
+}
+
+/// Far down a corridor the rays graze its walls, a metre and more apart.
+#[test]
+fn walls_at_a_graze_have_their_normal_and_lone_points_are_left_out() {
+    let config = MatcherConfig::default();
+    for (half_width_m, fewest) in [(1.0, 0), (1.5, 0), (3.0, 12)] {
+        for (y, theta) in [(0.0, 0.0), (0.25, 0.004), (-0.4, 0.02)] {
+            // As many rays to a degree as a LiDAR of 180 rays over 180° has.
+            let walls = Walls::default().with_box([0.0, 0.0], [200.0, half_width_m]);
+            let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.0, y, theta), 360), &config);
+            let far: Vec<_> = scan.iter().filter(|([x, y], _)| x.hypot(*y) > 10.0).collect();
+            assert!(far.len() >= fewest, "{half_width_m} m: {} points", far.len());
+            for ([x, y], [nx, ny]) in far {
+                let (sin, cos) = (theta.sin() as f32, theta.cos() as f32);
+                let (along, across) = (cos * nx - sin * ny, sin * nx + cos * ny);
+                assert!(across.abs() > 0.9 && along.abs() < 0.05, "{along}, {across} at {x}, {y}");
+                assert!(nx * x + ny * y < 0.0, "the normal at {x}, {y} faces away");
+            }
+        }
+    }
+    // A leg of a chair: a ray before and after it end elsewhere.
+    let mut lone = BodyScan::default();
+    for k in -20..=20 {
+        let angle = (f64::from(k) * 0.5).to_radians();
+        let range_m = if k == 0 { 12.0 } else { 25.0 / angle.cos() };
+        lone.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
+    }
+    let points: Vec<_> = SurfaceScan::new(&lone, &config).iter().map(|(point, _)| point).collect();
+    assert!(points.len() > 10 && points.iter().all(|[x, _]| *x > 20.0), "{points:?}");
+}
+
+#[test]
+fn a_bare_corridor_says_nothing_of_the_way_along_it() {
+    let config = MatcherConfig::default();
+    let most = config.independent_points / config.sigma_m.powi(2);
+    // Next to nothing along, as errors make it; seen from axes at an angle.
+    let (sin, cos) = 0.7_f64.sin_cos();
+    let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+    let scan = turn * Matrix3::from_diagonal(&[0.01 * most, most, most].into()) * turn.transpose();
+    let scale = without_hearsay(&scan, &config);
+    let left = turn.transpose() * scale * scan * scale * turn;
+    assert!(left[(0, 0)] < 0.1 * 0.01 * most, "along: {left}");
+    assert!(left[(1, 1)] > 0.9 * most && left[(2, 2)] > 0.999 * most, "across: {left}");
+    // A room tells the place both ways.
+    let room = Matrix3::from_diagonal(&[0.5 * most, most, most].into());
+    let scale = without_hearsay(&room, &config);
+    assert!((scale * room * scale)[(0, 0)] > 0.8 * 0.5 * most);
+    assert_eq!(without_hearsay(&Matrix3::zeros(), &config), Matrix3::identity());
+}
+
+proptest! {
+    /// What is left is never more than there was, and no information of a direction turns negative.
+    #[test]
+    fn taking_back_hearsay_adds_nothing(entries in prop::array::uniform9(-1.0..1.0_f64), scale in -6.0..7.0_f64) {
+        let root = Matrix3::from_row_slice(&entries) * 10.0_f64.powf(scale);
+        let information = root * root.transpose();
+        let size = information.norm();
+        let weights = without_hearsay(&information, &MatcherConfig::default());
+        prop_assert!((weights - weights.transpose()).norm() < 1e-9);
+        let left = weights * information * weights;
+        // The position's block shrinks in every direction: the coupling with the heading shrinks along.
+        let loss = (information - left).fixed_view::<2, 2>(0, 0).into_owned();
+        prop_assert!(loss.symmetric_eigenvalues().min() > -1e-9 * size, "{loss}");
+        prop_assert!((left[(2, 2)] - information[(2, 2)]).abs() <= 1e-9 * size);
+        prop_assert!(left.symmetric_eigenvalues().min() > -1e-9 * size, "{left}");
+    }
+
+    #[test]
+    fn a_balanced_choice_is_small_and_leaves_out_no_direction(
+        x in -2.0..2.0_f64, y in -1.0..1.0_f64, theta in -3.0..3.0_f64, most in 1..400_usize
+    ) {
+        let pose = Pose2::new(x, y, theta);
+        let scan = scan(&Walls::room(), &pose);
+        let chosen = scan.balanced(most);
+        prop_assert!(chosen.len() <= most.max(17) && chosen.len() <= scan.len());
+        prop_assert!(chosen.len() >= most.min(scan.len()), "{} of {most}", chosen.len());
+        // Each direction has a point of a similar one, even where fewer are asked for than there are directions.
+        let directions = |scan: &SurfaceScan| -> Vec<f32> {
+            let flat = scan.iter().filter(|(_, [nx, ny])| nx.hypot(*ny) > 0.3);
+            flat.map(|(_, [nx, ny])| ny.atan2(nx)).collect()
+        };
+        let kept = directions(&chosen);
+        for direction in directions(&scan) {
+            let nearest = kept.iter().map(|other| wrap_angle(f64::from(other - direction)).abs()).fold(9.0, f64::min);
+            prop_assert!(nearest < TAU / 16.0 + 1e-4, "nothing within {nearest} of {direction}");
+        }
+        let all: Vec<_> = scan.iter().collect();
+        prop_assert!(chosen.iter().all(|point| all.contains(&point)));
+        prop_assert!(chosen.iter().eq(scan.balanced(most).iter()));
+        prop_assert_eq!(chosen.origin_m, scan.origin_m);
+    }
+}
+
+/// Along a corridor the one recess keeps all its points.
+#[test]
+fn what_is_rare_outweighs_what_is_long() {
+    let walls = Walls::default().with_box([0.0, 0.0], [14.0, 1.0]).with_box([3.0, 0.9], [0.3, 0.1]);
+    let scan = scan(&walls, &Pose2::IDENTITY);
+    let along = |scan: &SurfaceScan| scan.iter().filter(|(_, [nx, _])| nx.abs() > 0.9).count();
+    let chosen = scan.balanced(100);
+    assert_eq!(along(&chosen), along(&scan));
+    assert!(along(&scan) > 0 && chosen.len() <= 100 && scan.len() > 200, "{} of {}", along(&scan), chosen.len());
 }
 
 proptest! {
