@@ -110,9 +110,9 @@ const WINDOW_RAD: [f64; 2] = [0.1, PI];
 const WITHIN_REACH_M: f64 = 0.1;
 const WITHIN_REACH_RAD: f64 = 0.03;
 /// Places of the search that are fitted finely.
-const PLACES: usize = 5;
+const PLACES: usize = 8;
 /// Places that score this much less than the best are not looked at.
-const PLACE_MARGIN: f64 = 0.1;
+const PLACE_MARGIN: f64 = 0.12;
 /// Places that score less are none.
 const PLACE_MIN_SCORE: f64 = 0.4;
 /// Bound on the work of one search.
