@@ -53,7 +53,7 @@ fn places_that_look_alike_are_told_apart_by_what_comes_later() {
         let drive = |settings| solve_as("look_alike", seed, simulation.clone(), settings);
         let (one, several) = (drive("[loop_closure]\nhypotheses = 1"), drive(""));
         assert!(one.final_m > 0.5 && one.wrong_closures > 0, "a single account, seed {seed}: {one}");
-        assert!(several.final_m < 0.1 && several.wrong_closures == 0, "several accounts, seed {seed}: {several}");
+        assert!(several.final_m < 0.15 && several.wrong_closures == 0, "several accounts, seed {seed}: {several}");
     }
 }
 
