@@ -305,7 +305,7 @@ impl Hypothesis {
         let mut children: Vec<Self> = clusters
             .iter()
             .take(MOST_CHILDREN - 1)
-            .filter_map(|cluster| self.clone().with(cluster, newer, comparisons, first, config))
+            .filter_map(|cluster| self.clone().with(cluster, comparisons, first, config))
             .collect();
         if !is_routine || children.is_empty() {
             children.push(self);
@@ -372,7 +372,6 @@ impl Hypothesis {
     fn with(
         mut self,
         cluster: &Cluster,
-        _newer: usize,
         comparisons: &[Comparison],
         first: usize,
         config: &LoopClosureConfig,
