@@ -63,6 +63,9 @@ pub struct Placement {
     pub overlap_shares: [f64; 2],
     /// Share of those that lie on surfaces of the other.
     pub inlier_shares: [f64; 2],
+    /// How much more of the newer one fits here than at places a little farther on, from 0 to 1: along a bare corridor
+    /// every place fits.
+    pub distinctness: f64,
     /// What is wrong with it; [`Verdict::Accepted`] where nothing is.
     pub verdict: Verdict,
 }
@@ -125,6 +128,8 @@ const AGREEMENT_M: f64 = 0.2;
 const AGREEMENT_RAD: f64 = 0.05;
 /// Places of which each had less than this share of the other's surfaces in view have too little in common to judge.
 const MIN_OVERLAP_SHARE: f64 = 0.25;
+/// So far from a place are those from which it must differ to mean anything, metres.
+const FARTHER_ON_M: [f64; 6] = [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0];
 
 impl Atlas {
     /// Makes the view of a submap with its neighbours.
@@ -258,6 +263,7 @@ impl Placement {
             covariance: in_frame_of(&covariance, &fit.belief.pose),
             overlap_shares: [0.0; 2],
             inlier_shares: [0.0; 2],
+            distinctness: 0.0,
             verdict: Verdict::DoesNotFit,
         }
     }
@@ -291,9 +297,23 @@ impl Placement {
             {
                 Verdict::DoesNotFitBack
             } else {
+                self.distinctness =
+                    self.inlier_shares[0] - self.share_farther_on(views[0], probes[1], submaps, matcher);
                 Verdict::Accepted
             }
         };
+    }
+
+    /// What share of the newer one's surfaces, on average, lies on the older one's when it is moved on
+    /// in the direction in which the fit is the least certain.
+    fn share_farther_on(&self, older: &View, newer: &SurfaceScan, submaps: &[Submap], matcher: &MatcherConfig) -> f64 {
+        let eigen = self.covariance.fixed_view::<2, 2>(0, 0).into_owned().symmetric_eigen();
+        let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+        let shares = FARTHER_ON_M.map(|distance_m| {
+            let moved = Pose2::new(distance_m * direction[0], distance_m * direction[1], 0.0);
+            older.agreement(newer, &self.older_from_newer.compose(&moved), submaps, matcher).1
+        });
+        shares.iter().sum::<f64>() / shares.len() as f64
     }
 }
 

@@ -73,7 +73,7 @@ const AGREEMENT_RAD: f64 = 0.06;
 /// Placements that move a submap less than this against where it was thought to be are no surprise, metres and radians.
 const ROUTINE_M: f64 = 0.25;
 const ROUTINE_RAD: f64 = 0.04;
-/// What a fit is worth: log-likelihood per unit of its quality above that of a chance fit.
+/// What a fit is worth: log-likelihood per unit of its quality above that of a chance fit, and of places farther on.
 const EVIDENCE_PER_QUALITY: f64 = 20.0;
 const CHANCE_QUALITY: f64 = 0.8;
 /// What it is worth when another place on the same older submap fits better: the same surfaces are compared.
@@ -89,7 +89,8 @@ struct Cluster {
     world_from_middle: Pose2,
     /// Numbers of comparisons and placements.
     members: Vec<(usize, usize)>,
-    quality: f64,
+    /// By how much the best of them fits better than a wrong place would.
+    surplus: f64,
     /// How much better other places fit, on average over the members.
     deficit: f64,
 }
@@ -143,17 +144,23 @@ impl Hypothesis {
     /// where the account does not hold the submap for recognised on one of the first `long_ago`.
     pub fn attach(&mut self, node: usize, long_ago: usize) {
         let factors = self.graph.between_factors();
+        // Along a bare corridor a closure knows less than the way there.
+        let is_certain = |information: &Matrix3<f64>| {
+            let covariance = information.try_inverse().unwrap_or_else(Matrix3::identity);
+            covariance[(0, 0)] + covariance[(1, 1)] < 2.0 * ATTACHED_SIGMA_M * ATTACHED_SIGMA_M
+        };
         let closures = self.closures.iter().rev().take(RECENT_CLOSURES).filter(|closure| self.is_in_force(closure));
         let of_node = closures
             .filter_map(|closure| closure.factor)
-            .filter(|&factor| factors[factor].to == node && factors[factor].from < long_ago);
+            .filter(|&factor| factors[factor].to == node && factors[factor].from < long_ago)
+            .filter(|&factor| is_certain(&factors[factor].information));
         // Where the way leads along one that was driven before, its links say nothing new; where it leads from one
         // old place to another they do.
         let leads_along = |older: usize, neighbour: usize| {
             let recent = factors.iter().rev().take_while(|factor| factor.to + RECENT_CLOSURES > node);
             recent
                 .filter(|factor| factor.to == neighbour && factor.from < long_ago)
-                .any(|factor| factor.from.abs_diff(older) <= ALONG)
+                .any(|factor| factor.from.abs_diff(older) <= ALONG && is_certain(&factor.information))
         };
         let was_attached_along = |older: usize, neighbour: usize| {
             let recent = self.attached.iter().rev().take(2);
@@ -173,10 +180,6 @@ impl Hypothesis {
         let (closure, chain) = (factors[best].clone(), factors[next].clone());
         let inverse = |information: &Matrix3<f64>| information.try_inverse().unwrap_or_else(Matrix3::identity);
         let covariance = inverse(&closure.information);
-        // Along a bare corridor the closure knows less than the way there.
-        if covariance[(0, 0)] + covariance[(1, 1)] > 2.0 * ATTACHED_SIGMA_M * ATTACHED_SIGMA_M {
-            return;
-        }
         let older_from_node = self.poses()[closure.from].between(&self.poses()[node]);
         let adjoint = chain.from_from_to.inverse().adjoint();
         let covariance = adjoint * covariance * adjoint.transpose() + inverse(&chain.information);
@@ -323,7 +326,7 @@ impl Hypothesis {
         doubts: &[Doubt],
     ) -> Vec<Cluster> {
         let thought = self.poses()[newer].compose(&submaps[newer].middle);
-        let mut placed: Vec<(f64, Pose2, (usize, usize))> = Vec::new();
+        let mut placed: Vec<(&Placement, Pose2, (usize, usize))> = Vec::new();
         for (number, comparison) in comparisons.iter().enumerate() {
             let doubt = doubts[comparison.older];
             for (index, placement) in comparison.placements.iter().enumerate().filter(|(_, p)| p.fits()) {
@@ -333,13 +336,13 @@ impl Hypothesis {
                 if shift.distance() < 3.0 * doubt.sigma_m + ROUTINE_M
                     && wrap_angle(shift.theta).abs() < 3.0 * doubt.sigma_rad + 2.0 * ROUTINE_RAD
                 {
-                    placed.push((placement.quality(), world_from_middle, (first + number, index)));
+                    placed.push((placement, world_from_middle, (first + number, index)));
                 }
             }
         }
-        placed.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.2.cmp(&b.2)));
+        placed.sort_by(|a, b| b.0.quality().total_cmp(&a.0.quality()).then(a.2.cmp(&b.2)));
         let mut clusters: Vec<Cluster> = Vec::new();
-        for (quality, world_from_middle, member) in placed {
+        for (placement, world_from_middle, member) in placed {
             let agrees = |cluster: &&mut Cluster| {
                 let offset = cluster.world_from_middle.between(&world_from_middle);
                 offset.distance() < AGREEMENT_M && offset.theta.abs() < AGREEMENT_RAD
@@ -348,7 +351,10 @@ impl Hypothesis {
                 // Places found by one comparison exclude each other, however near: the better fit came first.
                 Some(cluster) if cluster.members.iter().any(|&(other, _)| other == member.0) => {}
                 Some(cluster) => cluster.members.push(member),
-                None => clusters.push(Cluster { world_from_middle, members: vec![member], quality, deficit: 0.0 }),
+                None => {
+                    let surplus = (placement.quality() - CHANCE_QUALITY).min(placement.distinctness).max(0.0);
+                    clusters.push(Cluster { world_from_middle, members: vec![member], surplus, deficit: 0.0 });
+                }
             }
         }
         // Where another place on the same older submap fits better, that speaks against this one.
@@ -499,8 +505,7 @@ impl Cluster {
     /// Log-likelihood ratio of what fits being right against its fitting by chance.
     fn evidence(&self) -> f64 {
         let witnesses = (self.members.len() - 1).min(MOST_WITNESSES) as f64;
-        EVIDENCE_PER_QUALITY * (self.quality - CHANCE_QUALITY).max(0.0) + EVIDENCE_PER_WITNESS * witnesses
-            - EVIDENCE_PER_DEFICIT * self.deficit
+        EVIDENCE_PER_QUALITY * self.surplus + EVIDENCE_PER_WITNESS * witnesses - EVIDENCE_PER_DEFICIT * self.deficit
     }
 }
 

@@ -252,6 +252,29 @@ fn of_places_that_look_the_same_all_are_found() {
 }
 
 #[test]
+fn along_a_bare_corridor_no_place_is_distinct() {
+    let bare = Walls::default().with_box([0.0, 0.0], [40.0, 1.2]);
+    let there_and_on = |from_x: f64| poses_along(&[[from_x, 0.0], [from_x + 20.0, 0.0]], 0.3);
+    let distinctness = |walls: &Walls, shift_m: f64| {
+        let key_scans = key_scans(walls, &there_and_on(-10.0), &there_and_on(-10.0));
+        let submaps = cut(&short_sighted(key_scans, 8.0), LoopClosureConfig::default().submap_length_m);
+        let doubt = Doubt { sigma_m: 1.0, sigma_rad: 0.02 };
+        let (comparison, there) = compare(&submaps, [1, 3], Pose2::new(shift_m, 0.0, 0.0), doubt);
+        let best = &comparison.placements[0];
+        assert!(best.fits() && best.quality() > 0.9, "{best:#?}");
+        (best.distinctness, there.between(&best.older_from_newer).distance())
+    };
+    for shift_m in [0.0, 0.7] {
+        let (little, _) = distinctness(&bare, shift_m);
+        assert!(little < 0.05, "{little}");
+        let niches = [[-3.0, 0.7], [1.5, -0.8], [5.0, 0.9]];
+        let with_cupboards = niches.iter().fold(bare.clone(), |walls, at| walls.with_box(*at, [0.7, 0.35]));
+        let (much, error_m) = distinctness(&with_cupboards, shift_m);
+        assert!(much > 0.15 && error_m < 0.05, "{much} {error_m} m");
+    }
+}
+
+#[test]
 fn every_scan_is_fitted_to_the_map_of_all() {
     let walls = Walls::room();
     let truth = poses_along(&[[-1.0, -0.5], [1.0, -0.5], [1.0, 1.0]], 0.1);
