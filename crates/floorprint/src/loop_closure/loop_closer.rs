@@ -141,9 +141,10 @@ impl LoopCloser {
         let place = |index: usize| poses[index].compose(&self.submaps[index].middle);
         let here = place(newer);
         let is_lost = |older: usize| doubts[older].is_lost();
-        let most = if (0..newer).any(is_lost) { MOST_WHEN_LOST } else { self.config.candidates };
+        let is_kept = |older: &usize| !self.submaps[*older].is_known;
+        let most = if (0..newer).filter(is_kept).any(is_lost) { MOST_WHEN_LOST } else { self.config.candidates };
         let mut near: Vec<(f64, usize)> = (0..newer.saturating_sub(1))
-            .filter(|&older| !self.submaps[older].is_known)
+            .filter(is_kept)
             .filter_map(|older| {
                 if is_lost(older) {
                     return Some((0.0, older));
