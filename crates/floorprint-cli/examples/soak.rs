@@ -34,7 +34,7 @@ fn main() -> anyhow::Result<()> {
     let forward: Vec<Frame> = Frames::new(&data_set.records, &config)?.iter().collect();
     let mut slam = Slam::new(&config);
     let mut out = std::io::stdout().lock();
-    writeln!(out, "drive  µs/scan  memory MB")?;
+    writeln!(out, "drive  µs/scan  memory MB  submaps  nodes  factors")?;
     for drive in 0..drives {
         let before_s = cpu_s()?;
         for k in 0..forward.len() {
@@ -50,7 +50,9 @@ fn main() -> anyhow::Result<()> {
             slam.process(&frame, &mut NoProfiler)?;
         }
         let scan_us = (cpu_s()? - before_s) / forward.len() as f64 * 1e6;
-        writeln!(out, "{drive:5}  {scan_us:7.1}  {:9.1}", memory_mb().unwrap_or(f64::NAN))?;
+        let (held_mb, load) = (memory_mb().unwrap_or(f64::NAN), slam.closure_load().context("loops are not closed")?);
+        let (submaps, nodes, factors) = (load.submaps, load.nodes, load.factors);
+        writeln!(out, "{drive:5}  {scan_us:7.1}  {held_mb:9.1}  {submaps:7}  {nodes:5}  {factors:7}")?;
     }
     Ok(())
 }

@@ -4,7 +4,7 @@ use crate::Config;
 use crate::filter::{FilterKind, FilterStep, GrisettiFilter, RaoBlackwellizedFilter, SharedMapFilter};
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::loop_closure::{ClosureReport, LoopCloser, corrected_poses, map_of, refine};
+use crate::loop_closure::{ClosureLoad, ClosureReport, LoopCloser, corrected_poses, map_of, refine};
 use crate::map::OccupancyGrid;
 use crate::pose_graph::PoseGraph;
 use crate::profiler::{Phase, Profiler};
@@ -127,6 +127,15 @@ impl Slam {
             pose: correction.map_or(step.pose, |correction| correction.compose(&step.pose)),
             filter: step,
         })
+    }
+
+    /// What closing loops works with now, where loops are closed.
+    #[must_use]
+    pub fn closure_load(&self) -> Option<ClosureLoad> {
+        match &self.filter {
+            Filter::RaoBlackwellized(_, Some(closing)) => Some(closing.closer.load()),
+            _ => None,
+        }
     }
 
     /// The occupancy grid so far. `frames` are the frames that were processed, once more.

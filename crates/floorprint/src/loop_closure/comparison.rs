@@ -11,7 +11,7 @@ use crate::geometry::{Pose2, wrap_angle};
 use crate::map::SurfaceMap;
 use crate::scan_matcher::{
     MatchResult, MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, SurfaceScan, inlier_share,
-    match_scan, without_hearsay,
+    match_scan, outliers, without_hearsay,
 };
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
@@ -187,6 +187,26 @@ impl Atlas {
         }
         placements.sort_by(|a, b| b.fits().cmp(&a.fits()).then(b.quality().total_cmp(&a.quality())));
         Comparison { older, newer, expected, doubt, placements }
+    }
+
+    /// Share of the newer submap's points that lie on none of the older ones, where `places` say: older submap, older
+    /// from newer.
+    pub fn new_share(
+        &mut self,
+        submaps: &[Submap],
+        newer: usize,
+        places: &[(usize, Pose2)],
+        matcher: &MatcherConfig,
+    ) -> f64 {
+        let probe = &submaps[newer].probe;
+        let mut rest = probe.clone();
+        for (older, older_from_newer) in places {
+            self.learn(*older, submaps, matcher.cell_m);
+            if let Some(view) = self.views.get(older) {
+                rest = outliers(&view.map, &rest, older_from_newer, matcher);
+            }
+        }
+        rest.len() as f64 / probe.len().max(1) as f64
     }
 }
 

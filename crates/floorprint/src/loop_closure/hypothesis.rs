@@ -9,42 +9,59 @@ use super::comparison::{Comparison, Doubt, Placement};
 use super::submap::Submap;
 use super::{LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
-use crate::pose_graph::{BetweenFactor, Optimizer, OptimizerConfig, PoseGraph, PriorFactor, RobustKernel};
+use crate::pose_graph::{BetweenFactor, Optimizer, PoseGraph, PriorFactor, RobustKernel};
 use nalgebra::Matrix3;
 use std::collections::BTreeSet;
 
 /// A set of decisions about closures.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Hypothesis {
+    /// Its nodes are the submaps in play.
     graph: PoseGraph,
-    optimizer: Optimizer,
+    /// The submap of each node, ascending.
+    in_play: Vec<usize>,
     /// Logarithm of its weight, not normalised.
     pub log_weight: f64,
-    closures: Vec<Closure>,
+    /// The closures of submaps in play, in the order of the factors.
+    ties: Vec<Tie>,
     /// How many submaps in a row should have been recognised and were not.
     misses: i32,
-    /// Submaps that show nothing new and left the graph.
+    /// Submaps that show nothing new and left the graph, ascending.
     attached: Vec<Attached>,
+    /// What became of their closures.
+    past_closures: Vec<Closure>,
 }
 
 /// A submap that lies on an older one and was taken out of the graph.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Attached {
-    node: usize,
+    submap: usize,
+    /// One in play.
     older: usize,
-    older_from_node: Pose2,
+    older_from_submap: Pose2,
     information: Matrix3<f64>,
 }
 
-/// A placement that became a factor of the graph.
+/// A placement that is a factor of the graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Tie {
+    /// Number of the factor.
+    factor: usize,
+    /// Number of the comparison.
+    comparison: usize,
+    /// Number of its placement.
+    placement: usize,
+}
+
+/// A placement that is held for true.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Closure {
-    /// Number of the factor in the graph; `None` once the submap left it.
-    factor: Option<usize>,
     /// Number of the comparison.
     pub comparison: usize,
     /// Number of its placement.
     pub placement: usize,
+    /// Whether it pulls, or is contradicted by the rest of the graph.
+    pub is_in_force: bool,
 }
 
 /// The chain's factors cost no more than those this many standard deviations long: the front end is
@@ -95,120 +112,182 @@ struct Cluster {
     deficit: f64,
 }
 
-impl Default for Hypothesis {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Hypothesis {
     /// Nothing seen yet.
     #[must_use]
     pub fn new() -> Self {
-        Self {
-            graph: PoseGraph::default(),
-            optimizer: Optimizer::new(OptimizerConfig::default()),
-            log_weight: 0.0,
-            closures: Vec::new(),
-            misses: 0,
-            attached: Vec::new(),
-        }
+        Self::default()
     }
 
-    /// The pose graph; its nodes are the submaps.
+    /// The pose graph; its nodes are the submaps in play.
     #[must_use]
     pub fn graph(&self) -> &PoseGraph {
         &self.graph
     }
 
-    /// The submaps' poses, world from submap; of those that left the graph as they were then.
+    /// The submaps that the graph holds, ascending, and their poses, world from submap.
+    pub fn in_play(&self) -> impl DoubleEndedIterator<Item = (usize, Pose2)> {
+        self.in_play.iter().copied().zip(self.graph.poses().iter().copied())
+    }
+
+    /// The newest submap and its pose, world from submap.
     #[must_use]
-    pub fn poses(&self) -> &[Pose2] {
-        self.graph.poses()
+    pub fn newest(&self) -> Option<(usize, Pose2)> {
+        self.in_play().next_back()
+    }
+
+    /// The node of a submap in play.
+    fn node_of(&self, submap: usize) -> Option<usize> {
+        self.in_play.binary_search(&submap).ok()
+    }
+
+    /// The pose of a submap in play, world from submap.
+    #[must_use]
+    pub fn pose_of(&self, submap: usize) -> Option<Pose2> {
+        self.node_of(submap).map(|node| self.graph.poses()[node])
     }
 
     /// The placements that it holds for true.
-    #[must_use]
-    pub fn closures(&self) -> &[Closure] {
-        &self.closures
+    pub fn closures(&self) -> impl Iterator<Item = Closure> {
+        self.past_closures.iter().copied().chain(self.ties.iter().map(|tie| self.closure_of(tie)))
     }
 
-    /// Whether a closure still pulls, or is contradicted by the rest of the graph.
-    #[must_use]
-    pub fn is_in_force(&self, closure: &Closure) -> bool {
-        closure.factor.is_none_or(|factor| self.graph.squared_error(factor) < CONFLICT)
+    /// Those found by a comparison or later ones, the last first.
+    pub fn closures_since(&self, comparison: usize) -> impl Iterator<Item = Closure> {
+        let recent = self.ties.iter().rev().take_while(move |tie| tie.comparison >= comparison);
+        recent.map(|tie| self.closure_of(tie))
+    }
+
+    fn closure_of(&self, tie: &Tie) -> Closure {
+        let Tie { factor, comparison, placement } = *tie;
+        Closure { comparison, placement, is_in_force: self.is_in_force(factor) }
+    }
+
+    fn is_in_force(&self, factor: usize) -> bool {
+        self.graph.squared_error(factor) < CONFLICT
     }
 
     /// Takes a submap that lies on an older one out of the graph, so that the graph grows with the area that
     /// was seen and not with time: the next submap is tied to the older one instead. Leaves the graph as it is
-    /// where the account does not hold the submap for recognised on one of the first `long_ago`.
-    pub fn attach(&mut self, node: usize, long_ago: usize) {
+    /// where the account does not hold the submap for recognised on one of the first `long_ago`, or where few
+    /// recognised that one before.
+    pub fn attach(&mut self, submap: usize, long_ago: usize) {
+        let Some(node) = self.node_of(submap) else { return };
         let factors = self.graph.between_factors();
+        let closures = |is_wanted: &dyn Fn(&BetweenFactor) -> bool| {
+            let wanted = self.ties.iter().map(|tie| tie.factor).filter(|&factor| is_wanted(&factors[factor]));
+            let in_force = wanted.filter(|&factor| self.is_in_force(factor));
+            in_force.map(|factor| &factors[factor]).collect::<Vec<_>>()
+        };
+        let closure = closures(&|factor| factor.to == node && self.in_play[factor.from] < long_ago)
+            .into_iter()
+            .filter(|closure| {
+                closures(&|factor| factor.from == closure.from && factor.to < node).len() >= ENOUGH_CLOSURES
+            })
+            .max_by(|a, b| a.information.trace().total_cmp(&b.information.trace()));
+        let link = |is_wanted: &dyn Fn(&BetweenFactor) -> bool| {
+            let mut wanted = factors.iter().enumerate().rev().filter(|(_, factor)| is_wanted(factor));
+            wanted.find(|&(number, _)| self.ties.iter().all(|tie| tie.factor != number)).map(|(_, link)| link)
+        };
+        let next = link(&|factor| factor.from == node && factor.to == node + 1);
+        let (Some(closure), Some(next)) = (closure, next) else { return };
         // Along a bare corridor a closure knows less than the way there.
-        let is_certain = |information: &Matrix3<f64>| {
-            let covariance = information.try_inverse().unwrap_or_else(Matrix3::identity);
+        let is_sure = |closure: &BetweenFactor| {
+            let covariance = inverse(&closure.information);
             covariance[(0, 0)] + covariance[(1, 1)] < 2.0 * ATTACHED_SIGMA_M * ATTACHED_SIGMA_M
         };
-        let closures = self.closures.iter().rev().take(RECENT_CLOSURES).filter(|closure| self.is_in_force(closure));
-        let of_node = closures
-            .filter_map(|closure| closure.factor)
-            .filter(|&factor| factors[factor].to == node && factors[factor].from < long_ago)
-            .filter(|&factor| is_certain(&factors[factor].information));
-        // Where the way leads along one that was driven before, its links say nothing new; where it leads from one
-        // old place to another they do.
-        let leads_along = |older: usize, neighbour: usize| {
-            let recent = factors.iter().rev().take_while(|factor| factor.to + RECENT_CLOSURES > node);
-            recent
-                .filter(|factor| factor.to == neighbour && factor.from < long_ago)
-                .any(|factor| factor.from.abs_diff(older) <= ALONG && is_certain(&factor.information))
+        let Some(tie) = Some(closure).filter(|closure| is_sure(closure)).or_else(|| link(&|factor| factor.to == node))
+        else {
+            return;
         };
-        let was_attached_along = |older: usize, neighbour: usize| {
-            let recent = self.attached.iter().rev().take(2);
-            recent.clone().any(|attached| attached.node == neighbour && attached.older.abs_diff(older) <= ALONG)
-        };
-        let along = of_node.filter(|&factor| {
-            let older = factors[factor].from;
-            leads_along(older, node + 1)
-                && node
-                    .checked_sub(1)
-                    .is_some_and(|before| was_attached_along(older, before) || leads_along(older, before))
-        });
-        let best = along
-            .max_by(|&a, &b| factors[a].information.trace().total_cmp(&factors[b].information.trace()).then(b.cmp(&a)));
-        let next = factors.iter().rposition(|factor| factor.from == node && factor.to == node + 1);
-        let (Some(best), Some(next)) = (best, next) else { return };
-        let (closure, chain) = (factors[best].clone(), factors[next].clone());
-        let inverse = |information: &Matrix3<f64>| information.try_inverse().unwrap_or_else(Matrix3::identity);
-        let covariance = inverse(&closure.information);
-        let older_from_node = self.poses()[closure.from].between(&self.poses()[node]);
-        let adjoint = chain.from_from_to.inverse().adjoint();
-        let covariance = adjoint * covariance * adjoint.transpose() + inverse(&chain.information);
-        let numbers = self.graph.retain_between(|_, factor| factor.from != node && factor.to != node);
-        for closure in &mut self.closures {
-            closure.factor = closure.factor.and_then(|factor| numbers[factor]);
-        }
-        let _ = self.graph.add_between(BetweenFactor {
-            from: closure.from,
-            to: node + 1,
-            from_from_to: older_from_node.compose(&chain.from_from_to),
+        let older_from_submap = self.graph.poses()[tie.from].between(&self.graph.poses()[node]);
+        let adjoint = next.from_from_to.inverse().adjoint();
+        let covariance = adjoint * inverse(&tie.information) * adjoint.transpose() + inverse(&next.information);
+        let older = self.in_play[tie.from];
+        let attached = Attached { submap, older, older_from_submap, information: tie.information };
+        // The next submap's node takes this one's number.
+        let past_it = BetweenFactor {
+            from: tie.from,
+            to: node,
+            from_from_to: older_from_submap.compose(&next.from_from_to),
             information: symmetric(&inverse(&covariance)),
-            ..chain
+            ..next.clone()
+        };
+        // Nor may the way here lose its end where the submap before is not held itself.
+        let is_held = |node: usize| closures(&|factor| factor.to == node).into_iter().any(is_sure);
+        let before = link(&|factor| factor.to == node && factor.from + 1 == node && !is_held(factor.from));
+        let way_here = before.filter(|before| before.from != tie.from).map(|before| {
+            let adjoint = before.from_from_to.adjoint();
+            let covariance = adjoint * (inverse(&tie.information) + inverse(&before.information)) * adjoint.transpose();
+            BetweenFactor {
+                from: tie.from,
+                to: before.from,
+                from_from_to: older_from_submap.compose(&before.from_from_to.inverse()),
+                information: symmetric(&inverse(&covariance)),
+                ..before.clone()
+            }
         });
-        self.attached.push(Attached { node, older: closure.from, older_from_node, information: closure.information });
+        let is_of_node = |tie: &&Tie| factors[tie.factor].to == node || factors[tie.factor].from == node;
+        let closures: Vec<Closure> = self.ties.iter().filter(is_of_node).map(|tie| self.closure_of(tie)).collect();
+        self.past_closures.extend(closures);
+        self.attached.push(attached);
+        self.in_play.remove(node);
+        let numbers = self.graph.remove_node(node);
+        self.ties.retain_mut(|tie| numbers[tie.factor].map(|number| tie.factor = number).is_some());
+        for bridge in std::iter::once(past_it).chain(way_here) {
+            let _ = self.graph.add_between(bridge);
+        }
     }
 
-    /// The submaps' poses, also of those that left the graph.
+    /// The poses of all submaps, world from submap, also of those that left the graph.
     #[must_use]
     pub fn all_poses(&self) -> Vec<Pose2> {
-        let mut poses = self.poses().to_vec();
+        let mut poses = vec![Pose2::IDENTITY; self.newest().map_or(0, |(newest, _)| newest + 1)];
+        for (submap, pose) in self.in_play() {
+            poses[submap] = pose;
+        }
         for attached in &self.attached {
-            poses[attached.node] = poses[attached.older].compose(&attached.older_from_node);
+            poses[attached.submap] = poses[attached.older].compose(&attached.older_from_submap);
         }
         poses
     }
 
+    /// The graph with all submaps as its nodes, also those that left it.
+    #[must_use]
+    pub fn whole_graph(&self) -> PoseGraph {
+        let mut graph = PoseGraph::default();
+        for pose in self.all_poses() {
+            graph.add_node(pose);
+        }
+        for factor in self.graph.prior_factors() {
+            let _ = graph.add_prior(PriorFactor { node: self.in_play[factor.node], ..factor.clone() });
+        }
+        for factor in self.graph.between_factors() {
+            let [from, to] = [factor.from, factor.to].map(|node| self.in_play[node]);
+            let _ = graph.add_between(BetweenFactor { from, to, ..factor.clone() });
+        }
+        for attached in &self.attached {
+            let _ = graph.add_between(BetweenFactor {
+                from: attached.older,
+                to: attached.submap,
+                from_from_to: attached.older_from_submap,
+                information: attached.information,
+                kernel: RobustKernel::Quadratic,
+                weight: 1.0,
+            });
+        }
+        graph
+    }
+
+    /// Solves the graph to the end.
+    pub fn settle(&mut self) {
+        // A graph that cannot be solved keeps its estimates: the chain alone always can.
+        let _ = Optimizer::default().optimize(&mut self.graph);
+    }
+
     /// Takes in the next submap: tied to the one before as the front end has it.
     pub fn extend(&mut self, submap: &Submap, config: &LoopClosureConfig) {
+        self.in_play.push(self.newest().map_or(0, |(newest, _)| newest + 1));
         let Some(link) = &submap.link else {
             self.graph.add_node(submap.front_end_from_submap);
             let world_from_node = submap.front_end_from_submap;
@@ -227,25 +306,26 @@ impl Hypothesis {
             from: before,
             to,
             from_from_to: link.previous_from_submap,
-            information: symmetric(&covariance.try_inverse().unwrap_or_else(Matrix3::identity)),
+            information: symmetric(&inverse(&covariance)),
             kernel: RobustKernel::GemanMcClure { scale: CHAIN_SCALE },
             weight: 1.0,
         });
     }
 
-    /// How uncertain each submap up to `newer` is as seen from `newer`: along the most certain way
+    /// How uncertain each submap in play is as seen from the newest: along the most certain way
     /// through the graph, where closures are short cuts (Dijkstra 1959).
     #[must_use]
-    pub fn doubts_from(&self, newer: usize) -> Vec<Doubt> {
+    pub fn doubts(&self) -> Vec<Doubt> {
         #[derive(Clone, Copy)]
         struct Reached {
             variance_m2: f64,
             variance_rad2: f64,
             path_m: f64,
         }
-        let mut neighbours = vec![Vec::new(); newer + 1];
-        for factor in self.graph.between_factors().iter().filter(|f| f.from <= newer && f.to <= newer) {
-            let covariance = factor.information.try_inverse().unwrap_or_else(Matrix3::identity);
+        let count = self.in_play.len();
+        let mut neighbours = vec![Vec::new(); count];
+        for factor in self.graph.between_factors() {
+            let covariance = inverse(&factor.information);
             let link = Reached {
                 variance_m2: 0.5 * (covariance[(0, 0)] + covariance[(1, 1)]),
                 variance_rad2: covariance[(2, 2)],
@@ -255,10 +335,13 @@ impl Hypothesis {
             neighbours[factor.to].push((factor.from, link));
         }
         let unknown = Reached { variance_m2: f64::INFINITY, variance_rad2: f64::INFINITY, path_m: 0.0 };
-        let mut reached = vec![unknown; newer + 1];
-        reached[newer] = Reached { variance_m2: 0.0, variance_rad2: 0.0, path_m: 0.0 };
-        // Positive floats sort like their bits.
-        let mut queue = BTreeSet::from([(0_u64, newer)]);
+        let mut reached = vec![unknown; count];
+        let mut queue = BTreeSet::new();
+        if let Some(newest) = reached.last_mut() {
+            *newest = Reached { variance_m2: 0.0, variance_rad2: 0.0, path_m: 0.0 };
+            // Positive floats sort like their bits.
+            queue.insert((0_u64, count - 1));
+        }
         while let Some((_, here)) = queue.pop_first() {
             for &(next, link) in &neighbours[here] {
                 let there = Reached {
@@ -276,10 +359,6 @@ impl Hypothesis {
         reached
             .iter()
             .map(|there| {
-                // Who left the graph cannot be reached; it is not looked for either.
-                if there.variance_m2.is_infinite() {
-                    return Doubt { sigma_m: f64::INFINITY, sigma_rad: f64::INFINITY };
-                }
                 let lever_m = LEVER_SHARE * there.path_m.min(LONGEST_LEVER_M);
                 Doubt {
                     sigma_m: factor * (there.variance_m2 + there.variance_rad2 * lever_m * lever_m).sqrt(),
@@ -291,22 +370,22 @@ impl Hypothesis {
 
     /// What may have happened, given what the comparisons of the newest submap found.
     ///
-    /// `first` is the number of the first of the comparisons.
+    /// `first` is the number of the first of the comparisons, `doubts` are those of the submaps in play.
     #[must_use]
     pub fn decide(
         self,
         submaps: &[Submap],
-        newer: usize,
+        doubts: &[Doubt],
         comparisons: &[Comparison],
         first: usize,
         config: &LoopClosureConfig,
     ) -> Vec<Self> {
-        let doubts = self.doubts_from(newer);
-        let clusters = self.clusters(submaps, newer, comparisons, first, &doubts);
+        let Some((newer, pose)) = self.newest() else { return vec![self] };
+        let thought = pose.compose(&submaps[newer].middle);
+        let clusters = self.clusters(&submaps[newer].middle, comparisons, first, doubts);
         let Some(best) = clusters.first() else {
-            return vec![self.without_recognition(newer, comparisons, &doubts)];
+            return vec![self.without_recognition(&pose, comparisons, doubts)];
         };
-        let thought = self.poses()[newer].compose(&submaps[newer].middle);
         let shift = thought.between(&best.world_from_middle);
         let is_routine = clusters.len() == 1 && shift.distance() < ROUTINE_M && shift.theta.abs() < ROUTINE_RAD;
         let mut children: Vec<Self> = clusters
@@ -320,22 +399,17 @@ impl Hypothesis {
         children
     }
 
-    /// Placements that are within reach, grouped by where they put the newer submap; the best first.
-    fn clusters(
-        &self,
-        submaps: &[Submap],
-        newer: usize,
-        comparisons: &[Comparison],
-        first: usize,
-        doubts: &[Doubt],
-    ) -> Vec<Cluster> {
-        let thought = self.poses()[newer].compose(&submaps[newer].middle);
+    /// Placements that are within reach, grouped by where they put the newest submap, whose `middle` is given; the
+    /// best first.
+    fn clusters(&self, middle: &Pose2, comparisons: &[Comparison], first: usize, doubts: &[Doubt]) -> Vec<Cluster> {
+        let Some((_, pose)) = self.newest() else { return Vec::new() };
+        let thought = pose.compose(middle);
         let mut placed: Vec<(&Placement, Pose2, (usize, usize))> = Vec::new();
         for (number, comparison) in comparisons.iter().enumerate() {
-            let doubt = doubts[comparison.older];
+            let Some(node) = self.node_of(comparison.older) else { continue };
+            let (world_from_older, doubt) = (self.graph.poses()[node], doubts[node]);
             for (index, placement) in comparison.placements.iter().enumerate().filter(|(_, p)| p.fits()) {
-                let world_from_middle =
-                    self.poses()[comparison.older].compose(&placement.older_from_newer).compose(&submaps[newer].middle);
+                let world_from_middle = world_from_older.compose(&placement.older_from_newer).compose(middle);
                 let shift = thought.between(&world_from_middle);
                 if shift.distance() < 3.0 * doubt.sigma_m + ROUTINE_M
                     && wrap_angle(shift.theta).abs() < 3.0 * doubt.sigma_rad + 2.0 * ROUTINE_RAD
@@ -394,24 +468,26 @@ impl Hypothesis {
     ) -> Option<Self> {
         let cost_before = self.graph.cost();
         let mut worst: f64 = 0.0;
-        let known = self.closures.len();
+        let known = self.ties.len();
+        let mut optimizer = Optimizer::default();
         for &(comparison, placement) in &cluster.members {
             let compared = &comparisons[comparison - first];
-            let factor = closure_factor(compared, &compared.placements[placement], config)?;
+            let nodes = [self.node_of(compared.older)?, self.node_of(compared.newer)?];
+            let factor = closure_factor(nodes, &compared.placements[placement], config)?;
             let factor = self.graph.add_between(factor).ok()?;
             worst = worst.max(self.graph.squared_error(factor));
-            self.closures.push(Closure { factor: Some(factor), comparison, placement });
+            self.ties.push(Tie { factor, comparison, placement });
         }
         // Half the degrees of freedom of each new closure are what it costs when all is well.
         let well = cost_before + 1.5 * cluster.members.len() as f64;
         if worst > SETTLED {
             // A graph that cannot be solved keeps its estimates: the chain alone always can.
-            let _ = self.optimizer.optimize(&mut self.graph);
+            let _ = optimizer.optimize(&mut self.graph);
             if self.graph.cost() - well > CONFLICT_COST {
-                self.resolve_conflict();
+                self.resolve_conflict(&mut optimizer);
             }
         }
-        if self.closures[known..].iter().all(|closure| !self.is_in_force(closure)) {
+        if self.ties[known..].iter().all(|tie| !self.is_in_force(tie.factor)) {
             return None;
         }
         self.misses = 0;
@@ -422,11 +498,12 @@ impl Hypothesis {
 
     /// The account when the newest submap was not recognised: that counts against it where much of
     /// what the submap shows should have been there.
-    fn without_recognition(mut self, newer: usize, comparisons: &[Comparison], doubts: &[Doubt]) -> Self {
+    fn without_recognition(mut self, pose: &Pose2, comparisons: &[Comparison], doubts: &[Doubt]) -> Self {
         let is_misfit = |comparison: &&Comparison| {
-            let offset = comparison.expected.between(&self.poses()[comparison.older].between(&self.poses()[newer]));
+            let Some(node) = self.node_of(comparison.older) else { return false };
+            let offset = comparison.expected.between(&self.graph.poses()[node].between(pose));
             let near = &comparison.placements[0];
-            doubts[comparison.older].sigma_m < SURE_M
+            doubts[node].sigma_m < SURE_M
                 && offset.distance() < SURE_M
                 && near.overlap_shares[0] > SURE_OVERLAP_SHARE
                 && near.inlier_shares[0] < MISFIT_SHARE
@@ -442,7 +519,7 @@ impl Hypothesis {
     /// Solves a graph in which some factors must be wrong, closures or links of the chain, without
     /// knowing which: graduated non-convexity (Yang et al. 2020). At first all factors pull, then
     /// those that the others contradict lose their say. Factors keep their kernels afterwards.
-    fn resolve_conflict(&mut self) {
+    fn resolve_conflict(&mut self, optimizer: &mut Optimizer) {
         let count = self.graph.between_factors().len();
         let mut loosened = self.graph.clone();
         for factor in 0..count {
@@ -455,49 +532,32 @@ impl Hypothesis {
                 let weight = if stage == 0 { 1.0 } else { kernel.weight(loosened.squared_error(factor)) };
                 loosened.set_weight(factor, weight.max(1e-6));
             }
-            let _ = self.optimizer.optimize(&mut loosened);
+            let _ = optimizer.optimize(&mut loosened);
         }
         let mut resolved = self.graph.clone();
         resolved.poses_mut().copy_from_slice(loosened.poses());
-        let _ = self.optimizer.optimize(&mut resolved);
+        let _ = optimizer.optimize(&mut resolved);
         if resolved.cost() < self.graph.cost() {
             self.graph = resolved;
         }
     }
 
-    /// Solves the graph to the end and brings back the submaps that left it.
-    pub fn settle(&mut self) {
-        let _ = self.optimizer.optimize(&mut self.graph);
-        let poses = self.all_poses();
-        self.graph.poses_mut().copy_from_slice(&poses);
-        for attached in std::mem::take(&mut self.attached) {
-            let _ = self.graph.add_between(BetweenFactor {
-                from: attached.older,
-                to: attached.node,
-                from_from_to: attached.older_from_node,
-                information: attached.information,
-                kernel: RobustKernel::Quadratic,
-                weight: 1.0,
-            });
-        }
-    }
-
-    /// Whether two accounts have come to the same picture of the drive.
+    /// Whether two accounts have come to the same picture of the drive, as far as both hold it in play.
     #[must_use]
     pub fn agrees_with(&self, other: &Self) -> bool {
-        self.poses().iter().zip(other.poses()).all(|(a, b)| {
-            let offset = a.between(b);
-            offset.distance() < SAME_ACCOUNT_M && offset.theta.abs() < SAME_ACCOUNT_RAD
+        self.in_play().all(|(submap, pose)| {
+            other.pose_of(submap).is_none_or(|there| {
+                let offset = pose.between(&there);
+                offset.distance() < SAME_ACCOUNT_M && offset.theta.abs() < SAME_ACCOUNT_RAD
+            })
         })
     }
 }
 
-/// Older submaps this near to each other, in numbers, lie along one way.
-const ALONG: usize = 2;
-/// Submaps leave the graph only where they lie on an older one with at most this standard deviation, metres.
+/// Where a submap lies on an older one is known when the standard deviation is less than this, metres.
 const ATTACHED_SIGMA_M: f64 = 0.05;
-/// A submap's closures are among the newest so many.
-const RECENT_CLOSURES: usize = 100;
+/// What so many closures on a submap have said is hardly changed by more of them.
+const ENOUGH_CLOSURES: usize = 3;
 /// Steps from trusting all factors to doubting those that do not fit.
 const GRADUATION_STAGES: i32 = 8;
 /// An account is sure where a submap lies when it doubts it by less than this, metres …
@@ -518,21 +578,25 @@ impl Cluster {
     }
 }
 
-/// A placement as a factor of a graph.
-fn closure_factor(comparison: &Comparison, placement: &Placement, config: &LoopClosureConfig) -> Option<BetweenFactor> {
+/// A placement as a factor between two nodes: the older, the newer.
+fn closure_factor([from, to]: [usize; 2], placement: &Placement, config: &LoopClosureConfig) -> Option<BetweenFactor> {
     debug_assert_eq!(placement.verdict, Verdict::Accepted);
     let floor = Matrix3::from_diagonal(
         &[config.closure_sigma_m.powi(2), config.closure_sigma_m.powi(2), config.closure_sigma_rad.powi(2)].into(),
     );
     let information = (floor + placement.covariance).try_inverse()?;
     Some(BetweenFactor {
-        from: comparison.older,
-        to: comparison.newer,
+        from,
+        to,
         from_from_to: placement.older_from_newer,
         information: symmetric(&information),
         kernel: RobustKernel::DynamicCovarianceScaling { phi: CLOSURE_PHI },
         weight: 1.0,
     })
+}
+
+fn inverse(matrix: &Matrix3<f64>) -> Matrix3<f64> {
+    matrix.try_inverse().unwrap_or_else(Matrix3::identity)
 }
 
 fn symmetric(matrix: &Matrix3<f64>) -> Matrix3<f64> {

@@ -8,7 +8,7 @@
 use super::comparison::{Atlas, Comparison, Doubt};
 use super::hypothesis::Hypothesis;
 use super::submap::{Submap, SubmapBuilder};
-use super::{Anchor, ClosureReport, KeyScan, LoopClosureConfig, Verdict};
+use super::{Anchor, ClosureLoad, ClosureReport, KeyScan, LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
@@ -37,8 +37,17 @@ struct Job {
     newer: usize,
     /// Number of its first comparison.
     first: usize,
+    /// What each account doubts of the submaps it has in play.
+    doubts: Vec<Vec<Doubt>>,
     /// Comparisons to be made: older submap, where the newer is expected on it, how surely.
     due: VecDeque<(usize, Pose2, Doubt)>,
+}
+
+/// An older submap that may show the same place as the newest.
+struct Candidate {
+    older: usize,
+    world_from_older: Pose2,
+    doubt: Doubt,
 }
 
 /// The drive put right.
@@ -59,9 +68,8 @@ const SAME_EXPECTATION_M: f64 = 0.2;
 const SAME_EXPECTATION_RAD: f64 = 0.04;
 /// A robot that was carried elsewhere is looked for on so many submaps.
 const MOST_WHEN_LOST: usize = 60;
-/// A submap is known when so much of it was in view of an older one, and so much of that lies on it.
-const KNOWN_OVERLAP_SHARE: f64 = 0.75;
-const KNOWN_INLIER_SHARE: f64 = 0.8;
+/// A submap is known when less than this share of it lies on no older one.
+const NEW_SHARE: f64 = 0.3;
 /// The newest submaps are kept even when they are known.
 const KEPT_SUBMAPS: usize = 3;
 /// Doubt widens the circle of candidates by at most this, metres.
@@ -113,14 +121,15 @@ impl LoopCloser {
         for hypothesis in &mut self.hypotheses {
             hypothesis.extend(submap, &self.config);
         }
-        for hypothesis in &self.hypotheses {
-            let (poses, doubts) = (hypothesis.poses(), hypothesis.doubts_from(newer));
-            for older in self.candidates(newer, poses, &doubts) {
+        let doubts: Vec<_> = self.hypotheses.iter().map(Hypothesis::doubts).collect();
+        for (hypothesis, doubts) in self.hypotheses.iter().zip(&doubts) {
+            let Some((_, pose)) = hypothesis.newest() else { continue };
+            for Candidate { older, world_from_older, doubt } in self.candidates(hypothesis, doubts) {
                 // Who is lost is looked for in the middle of each old submap.
-                let expected = if doubts[older].is_lost() {
+                let expected = if doubt.is_lost() {
                     self.submaps[older].middle.compose(&submap.middle.inverse())
                 } else {
-                    poses[older].between(&poses[newer])
+                    world_from_older.between(&pose)
                 };
                 let is_covered = due.iter().any(|(other, there, _)| {
                     let offset = there.between(&expected);
@@ -129,36 +138,38 @@ impl LoopCloser {
                         && wrap_angle(offset.theta).abs() < SAME_EXPECTATION_RAD
                 });
                 if !is_covered {
-                    due.push_back((older, expected, doubts[older]));
+                    due.push_back((older, expected, doubt));
                 }
             }
         }
-        Some(Job { newer, first: self.comparisons.len(), due })
+        Some(Job { newer, first: self.comparisons.len(), doubts, due })
     }
 
-    /// The older submaps that may show the same place, nearest first.
-    fn candidates(&self, newer: usize, poses: &[Pose2], doubts: &[Doubt]) -> Vec<usize> {
-        let place = |index: usize| poses[index].compose(&self.submaps[index].middle);
-        let here = place(newer);
-        let is_lost = |older: usize| doubts[older].is_lost();
-        let is_kept = |older: &usize| !self.submaps[*older].is_known;
-        let most = if (0..newer).filter(is_kept).any(is_lost) { MOST_WHEN_LOST } else { self.config.candidates };
-        let mut near: Vec<(f64, usize)> = (0..newer.saturating_sub(1))
-            .filter(is_kept)
-            .filter_map(|older| {
-                if is_lost(older) {
-                    return Some((0.0, older));
+    /// The older submaps that may show the same place as the newest, nearest first.
+    fn candidates(&self, hypothesis: &Hypothesis, doubts: &[Doubt]) -> Vec<Candidate> {
+        let Some((newest, pose)) = hypothesis.newest() else { return Vec::new() };
+        let here = pose.compose(&self.submaps[newest].middle);
+        let most = if doubts.iter().any(Doubt::is_lost) { MOST_WHEN_LOST } else { self.config.candidates };
+        let mut near: Vec<(f64, Candidate)> = hypothesis
+            .in_play()
+            .zip(doubts)
+            .filter(|&((older, _), _)| older + 1 < newest && !self.submaps[older].is_known)
+            .filter_map(|((older, world_from_older), &doubt)| {
+                let candidate = Candidate { older, world_from_older, doubt };
+                if doubt.is_lost() {
+                    return Some((0.0, candidate));
                 }
-                let distance_m = here.between(&place(older)).distance();
-                let reach_m = self.config.candidate_distance_m + doubts[older].sigma_m.min(WIDEST_DOUBT_M);
-                (distance_m < reach_m).then_some((distance_m, older))
+                let there = world_from_older.compose(&self.submaps[older].middle);
+                let distance_m = here.between(&there).distance();
+                let reach_m = self.config.candidate_distance_m + doubt.sigma_m.min(WIDEST_DOUBT_M);
+                (distance_m < reach_m).then_some((distance_m, candidate))
             })
             .collect();
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut chosen: Vec<usize> = Vec::new();
-        for (_, older) in near {
-            if chosen.len() < most && chosen.iter().all(|other| other.abs_diff(older) > 1) {
-                chosen.push(older);
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.older.cmp(&b.1.older)));
+        let mut chosen: Vec<Candidate> = Vec::new();
+        for (_, candidate) in near {
+            if chosen.len() < most && chosen.iter().all(|other| other.older.abs_diff(candidate.older) > 1) {
+                chosen.push(candidate);
             }
         }
         chosen
@@ -167,46 +178,43 @@ impl LoopCloser {
     /// Lets every account draw its conclusions from the comparisons of a submap.
     fn decide(&mut self, job: &Job) {
         let comparisons = &self.comparisons[job.first..];
-        if comparisons.is_empty() {
-            return;
-        }
-        let mut hypotheses: Vec<Hypothesis> = std::mem::take(&mut self.hypotheses)
-            .into_iter()
-            .flat_map(|hypothesis| hypothesis.decide(&self.submaps, job.newer, comparisons, job.first, &self.config))
-            .collect();
-        hypotheses.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
-        let least = hypotheses[0].log_weight - GIVEN_UP;
-        for hypothesis in hypotheses {
-            let is_wanted = hypothesis.log_weight > least
-                && self.hypotheses.len() < self.config.hypotheses
-                && !self.hypotheses.iter().any(|heavier| heavier.agrees_with(&hypothesis));
-            if is_wanted || self.hypotheses.is_empty() {
-                self.hypotheses.push(hypothesis);
+        if !comparisons.is_empty() {
+            let hypotheses = std::mem::take(&mut self.hypotheses).into_iter().zip(&job.doubts);
+            let mut hypotheses: Vec<Hypothesis> = hypotheses
+                .flat_map(|(hypothesis, doubts)| {
+                    hypothesis.decide(&self.submaps, doubts, comparisons, job.first, &self.config)
+                })
+                .collect();
+            hypotheses.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
+            let heaviest = hypotheses[0].log_weight;
+            for mut hypothesis in hypotheses {
+                let is_wanted = hypothesis.log_weight > heaviest - GIVEN_UP
+                    && self.hypotheses.len() < self.config.hypotheses
+                    && !self.hypotheses.iter().any(|heavier| heavier.agrees_with(&hypothesis));
+                if is_wanted || self.hypotheses.is_empty() {
+                    hypothesis.log_weight -= heaviest;
+                    self.hypotheses.push(hypothesis);
+                }
             }
         }
         self.note_if_known(job);
-        let heaviest = self.hypotheses[0].log_weight;
-        for hypothesis in &mut self.hypotheses {
-            hypothesis.log_weight -= heaviest;
-        }
     }
 
     /// A submap nearly all of which lies on an older one need not be kept: memory grows with the area that was
     /// seen, not with time. Its neighbours are compared yet, so that it is forgotten a little later.
     fn note_if_known(&mut self, job: &Job) {
-        let is_covered = |closure: &&super::Closure| {
+        let places = self.hypotheses[0].closures_since(job.first).filter_map(|closure| {
             let comparison = &self.comparisons[closure.comparison];
+            let is_old = self.is_long_before(&self.submaps[comparison.older], job.newer);
             let placement = &comparison.placements[closure.placement];
-            self.is_long_ago(comparison.older, job.newer)
-                && placement.overlap_shares[0] > KNOWN_OVERLAP_SHARE
-                && placement.inlier_shares[0] > KNOWN_INLIER_SHARE
-        };
-        let closures = self.hypotheses[0].closures().iter().rev();
-        let of_this = closures.take_while(|closure| closure.comparison >= job.first);
-        self.submaps[job.newer].is_known = of_this.filter(is_covered).count() > 0;
+            (is_old && closure.is_in_force).then_some((comparison.older, placement.older_from_newer))
+        });
+        let places: Vec<(usize, Pose2)> = places.collect();
+        let new_share = self.atlas.new_share(&self.submaps, job.newer, &places, &self.matcher);
+        self.submaps[job.newer].is_known = new_share < NEW_SHARE;
         if let Some(past) = job.newer.checked_sub(KEPT_SUBMAPS).filter(|&past| self.submaps[past].is_known) {
             self.submaps[past].forget();
-            let long_ago = (0..past).take_while(|&older| self.is_long_ago(older, past)).count();
+            let long_ago = self.submaps[..past].partition_point(|older| self.is_long_before(older, past));
             for hypothesis in &mut self.hypotheses {
                 hypothesis.attach(past, long_ago);
             }
@@ -214,16 +222,15 @@ impl LoopCloser {
     }
 
     /// Whether an older submap was made so long before a newer one that it is no part of the same passage.
-    fn is_long_ago(&self, older: usize, newer: usize) -> bool {
-        self.submaps[newer].path_m - self.submaps[older].path_m > 2.0 * self.config.window_m
+    fn is_long_before(&self, older: &Submap, newer: usize) -> bool {
+        self.submaps[newer].path_m - older.path_m > 2.0 * self.config.window_m
     }
 
     /// How the heaviest account moves what the front end says: world from the front end's world.
     #[must_use]
     pub fn correction(&self) -> Pose2 {
-        let poses = self.hypotheses[0].poses();
-        poses.last().map_or(Pose2::IDENTITY, |pose| {
-            pose.compose(&self.submaps[poses.len() - 1].front_end_from_submap.inverse())
+        self.hypotheses[0].newest().map_or(Pose2::IDENTITY, |(newest, pose)| {
+            pose.compose(&self.submaps[newest].front_end_from_submap.inverse())
         })
     }
 
@@ -234,6 +241,19 @@ impl LoopCloser {
         let anchor =
             |(submap, &pose): (&Submap, &Pose2)| Anchor { frame: submap.first, pose, starts_anew: submap.starts_anew };
         self.submaps.iter().zip(&poses).map(anchor).collect()
+    }
+
+    /// What is worked with now.
+    #[must_use]
+    pub fn load(&self) -> ClosureLoad {
+        let remembered = self.submaps.iter().filter(|submap| !submap.is_forgotten());
+        let largest =
+            |size: fn(&PoseGraph) -> usize| self.hypotheses.iter().map(|h| size(h.graph())).max().unwrap_or(0);
+        ClosureLoad {
+            submaps: remembered.count(),
+            nodes: largest(|graph| graph.poses().len()),
+            factors: largest(|graph| graph.between_factors().len()),
+        }
     }
 
     /// How many accounts of the drive are held for possible.
@@ -248,7 +268,7 @@ impl LoopCloser {
         self.submaps.extend(self.builder.clone().finish());
         while self.work() {}
         self.hypotheses[0].settle();
-        ClosedLoops { anchors: self.anchors(), closures: self.reports(), graph: self.hypotheses[0].graph().clone() }
+        ClosedLoops { anchors: self.anchors(), closures: self.reports(), graph: self.hypotheses[0].whole_graph() }
     }
 
     /// What became of every comparison, as the heaviest account has it.
@@ -264,7 +284,7 @@ impl LoopCloser {
             })
             .collect();
         for closure in best.closures() {
-            let verdict = if best.is_in_force(closure) { Verdict::Accepted } else { Verdict::Contradicted };
+            let verdict = if closure.is_in_force { Verdict::Accepted } else { Verdict::Contradicted };
             verdicts[closure.comparison] = (closure.placement, verdict);
         }
         self.comparisons

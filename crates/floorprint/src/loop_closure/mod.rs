@@ -15,7 +15,7 @@ pub use config::LoopClosureConfig;
 pub use hypothesis::{Closure, Hypothesis};
 pub use loop_closer::{ClosedLoops, LoopCloser};
 pub use refinement::{map_of, refine};
-pub use report::{ClosureReport, Verdict};
+pub use report::{ClosureLoad, ClosureReport, Verdict};
 pub use submap::{Link, Submap, SubmapBuilder};
 
 use crate::geometry::Pose2;

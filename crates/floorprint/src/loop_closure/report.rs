@@ -30,6 +30,18 @@ pub struct ClosureReport {
     pub verdict: Verdict,
 }
 
+/// What closing loops works with at a time. It grows with the area that was seen, not with time, and so do the
+/// cost of a submap and the memory that is held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ClosureLoad {
+    /// Submaps whose surfaces are kept.
+    pub submaps: usize,
+    /// Nodes of the largest pose graph.
+    pub nodes: usize,
+    /// Relative measurements of the largest pose graph.
+    pub factors: usize,
+}
+
 /// What became of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]

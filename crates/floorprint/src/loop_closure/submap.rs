@@ -34,7 +34,7 @@ pub struct Submap {
     /// Whether it shows nothing that older ones do not; later ones are then compared with those.
     pub is_known: bool,
     /// What the first, the middle and the last key scan had in view, in the submap's frame.
-    pub horizons: [Horizon; 3],
+    pub horizons: Vec<Horizon>,
 }
 
 /// The motion from the start of one submap to the start of the next.
@@ -132,7 +132,9 @@ impl SubmapBuilder {
             probe: surfaces.balanced(PROBE_POINTS),
             is_known: false,
             surfaces: Arc::new(surfaces),
-            horizons: [first, half_way, &key_scans[key_scans.len() - 1]].map(|scan| scan.horizon_from(&first.pose)),
+            horizons: [first, half_way, &key_scans[key_scans.len() - 1]]
+                .map(|scan| scan.horizon_from(&first.pose))
+                .into(),
         })
     }
 }
@@ -142,6 +144,13 @@ impl Submap {
     pub fn forget(&mut self) {
         self.surfaces = Arc::default();
         self.probe = SurfaceScan::default();
+        self.horizons = Vec::new();
+    }
+
+    /// Whether it was forgotten, or never showed anything.
+    #[must_use]
+    pub fn is_forgotten(&self) -> bool {
+        self.surfaces.is_empty()
     }
 
     /// Whether a point of the submap's frame (metres) was in view.

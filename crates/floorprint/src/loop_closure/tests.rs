@@ -93,6 +93,37 @@ fn a_ring_is_closed() {
     assert!(again(&corrected) < 0.05, "the second pass lies {} m off the first", again(&corrected));
 }
 
+/// Who drives the same corridor again and again neither remembers nor computes more and more.
+#[test]
+fn what_is_known_costs_no_more() {
+    let (walls, lap) = ring();
+    // The ring's drive comes back along its first side.
+    let lap = &lap[..lap.len() * 4 / 5];
+    let truth: Vec<Pose2> = lap.iter().cycle().take(LAPS * lap.len()).copied().collect();
+    let seen = key_scans(&walls, lap, lap);
+    let poses = drifted(&truth, 0.0002);
+    let key_scan = |(frame, pose): (usize, &Pose2)| KeyScan { frame, pose: *pose, ..seen[frame % lap.len()].clone() };
+    let key_scans: Vec<KeyScan> = poses.iter().enumerate().map(key_scan).collect();
+    let mut closer = LoopCloser::new(&LoopClosureConfig::default(), &MatcherConfig::default());
+    let mut loads = Vec::new();
+    for key_scan in &key_scans {
+        closer.add(key_scan.clone(), poses_since(&key_scans, key_scan.frame));
+        while closer.work() {}
+        if (key_scan.frame + 1) % lap.len() == 0 {
+            loads.push(closer.load());
+        }
+    }
+    let (half_way, end) = (loads[LAPS / 2 - 1], loads[LAPS - 1]);
+    assert!(end.submaps <= half_way.submaps + 1, "{loads:?}");
+    assert!(end.nodes <= half_way.nodes + 2 && end.factors <= half_way.factors + 6, "{loads:?}");
+    let closed = closer.finish();
+    assert_eq!(closed.graph.poses().len(), closed.anchors.len());
+    let error_m = largest_error_m(&truth, &corrected_poses(&poses, &closed.anchors));
+    assert!(largest_error_m(&truth, &poses) > 1.0 && error_m < 0.3, "{error_m} m");
+}
+
+const LAPS: usize = 10;
+
 #[test]
 fn the_same_drive_without_drift_is_left_alone() {
     let (walls, truth) = ring();

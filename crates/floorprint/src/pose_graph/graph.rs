@@ -179,18 +179,27 @@ impl PoseGraph {
         self.between.remove(between_factor)
     }
 
-    /// Takes out the relative measurements that are not to be kept; gives the new number of each of the old ones.
-    pub fn retain_between(&mut self, mut keep: impl FnMut(usize, &BetweenFactor) -> bool) -> Vec<Option<usize>> {
-        let mut numbers = Vec::with_capacity(self.between.len());
-        let mut kept = Vec::with_capacity(self.between.len());
-        for (number, factor) in std::mem::take(&mut self.between).into_iter().enumerate() {
-            let is_kept = keep(number, &factor);
-            numbers.push(is_kept.then_some(kept.len()));
-            if is_kept {
-                kept.push(factor);
-            }
+    /// Takes a node out with all that was measured of it or from it; the numbers of later nodes drop by one. Gives the
+    /// new number of each of the old relative measurements.
+    ///
+    /// # Panics
+    /// When there is no such node.
+    pub fn remove_node(&mut self, node: usize) -> Vec<Option<usize>> {
+        self.poses.remove(node);
+        let mut kept = 0;
+        let mut number = |factor: &BetweenFactor| {
+            (factor.from != node && factor.to != node).then(|| {
+                kept += 1;
+                kept - 1
+            })
+        };
+        let numbers = self.between.iter().map(&mut number).collect();
+        self.between.retain(|factor| factor.from != node && factor.to != node);
+        self.priors.retain(|factor| factor.node != node);
+        let between = self.between.iter_mut().flat_map(|factor| [&mut factor.from, &mut factor.to]);
+        for named in between.chain(self.priors.iter_mut().map(|factor| &mut factor.node)) {
+            *named -= usize::from(*named > node);
         }
-        self.between = kept;
         numbers
     }
 
@@ -286,6 +295,27 @@ mod tests {
         let negative = BetweenFactor { weight: -1.0, ..factor(0, 1) };
         assert!(graph.add_between(negative).unwrap_err().to_string().contains("negative"));
         assert_eq!(graph.add_between(factor(0, 1)), Ok(0));
+    }
+
+    #[test]
+    fn a_node_leaves_with_its_factors() {
+        let mut graph = PoseGraph::default();
+        let poses = [0.0, 1.0, 2.0, 3.0].map(|x| Pose2::new(x, 0.0, 0.0));
+        for pose in poses {
+            graph.add_node(pose);
+        }
+        for (from, to) in [(0, 1), (1, 2), (0, 2), (2, 3), (0, 3)] {
+            graph.add_between(factor(from, to)).unwrap();
+        }
+        for (node, pose) in poses.iter().enumerate() {
+            let information = Matrix3::identity();
+            graph.add_prior(PriorFactor { node, world_from_node: *pose, information }).unwrap();
+        }
+        assert_eq!(graph.remove_node(1), [None, None, Some(0), Some(1), Some(2)]);
+        assert_eq!(graph.poses(), [poses[0], poses[2], poses[3]]);
+        let ends: Vec<_> = graph.between_factors().iter().map(|factor| (factor.from, factor.to)).collect();
+        assert_eq!(ends, [(0, 1), (1, 2), (0, 2)]);
+        assert!(graph.prior_factors().iter().all(|prior| graph.poses()[prior.node] == prior.world_from_node));
     }
 
     fn pose() -> impl Strategy<Value = Pose2> {

@@ -58,7 +58,9 @@ impl Optimizer {
         let mut damping = self.config.initial_damping;
         while report.iterations < self.config.max_iterations && !report.converged {
             let (matrix, right_side) = normal_equations(graph, structure);
-            let Some(step) = accepted_step(graph, structure, symbolic, &matrix, &right_side, &mut damping)? else {
+            let equations = (&matrix, right_side.as_slice());
+            let Some(step) = accepted_step(graph, report.final_cost, structure, symbolic, equations, &mut damping)?
+            else {
                 report.converged = true;
                 break;
             };
@@ -76,17 +78,16 @@ struct Step {
     cost: f64,
 }
 
-/// The first step that does not raise the cost, with more and more damping; `None` when
+/// The first step that does not raise the `cost`, with more and more damping; `None` when
 /// there is none. Leaves the damping that the next step should try.
 fn accepted_step(
     graph: &PoseGraph,
+    cost: f64,
     structure: &Structure,
     symbolic: &SymbolicCholesky,
-    matrix: &BlockMatrix,
-    right_side: &[Vector3<f64>],
+    (matrix, right_side): (&BlockMatrix, &[Vector3<f64>]),
     damping: &mut f64,
 ) -> Result<Option<Step>, PoseGraphError> {
-    let cost = graph.cost();
     let mut is_determined = false;
     while *damping <= MAX_DAMPING {
         let mut damped = matrix.clone();

@@ -95,6 +95,18 @@ pub fn inlier_share(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: 
     linearise(map, scan, pose, config.gate_sigmas, config).inliers / scan.len().max(1) as f64
 }
 
+/// The points of a scan that lie on no surface of a map at a pose.
+#[must_use]
+pub fn outliers(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: &MatcherConfig) -> SurfaceScan {
+    let weights = Weights::new(config.gate_sigmas, config);
+    let of_block = |block: Block| {
+        let mut sums = Sums::default();
+        sums.add(map, &block, pose, &weights);
+        sums.inliers.into_iter().take(block.count).map(|inliers| inliers == 0.0)
+    };
+    scan.selected(blocks(scan).flat_map(of_block))
+}
+
 /// The normal equations at a pose.
 #[derive(Debug, Clone, Copy, Default)]
 struct Linearisation {
@@ -237,7 +249,7 @@ impl Weights {
 
 impl Sums {
     /// Adds what a block of points says at a pose.
-    #[inline]
+    #[inline(always)] // What depends on the pose alone is then computed once for all blocks.
     fn add(&mut self, map: &SurfaceMap, block: &Block, pose: &Pose2, weights: &Weights) {
         let (sin, cos) = pose.theta.sin_cos();
         let (sin, cos) = (sin as f32, cos as f32);

@@ -14,6 +14,6 @@ mod tests;
 pub use branch_and_bound::{Place, PlaceQuery, PlaceSearch};
 pub use config::MatcherConfig;
 pub use correlative::{SearchWindow, search};
-pub use gauss_newton::{MatchResult, PoseBelief, inlier_share, match_scan, without_hearsay};
+pub use gauss_newton::{MatchResult, PoseBelief, inlier_share, match_scan, outliers, without_hearsay};
 pub use locate::{OdometryVerdict, locate};
 pub use surface_scan::SurfaceScan;

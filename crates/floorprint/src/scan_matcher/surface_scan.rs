@@ -139,6 +139,14 @@ impl SurfaceScan {
         result
     }
 
+    /// The points that are marked, given a mark for each.
+    #[must_use]
+    pub fn selected(&self, marks: impl Iterator<Item = bool>) -> Self {
+        let mut result = Self::with_capacity(self.origin_m, self.len());
+        self.iter().zip(marks).filter(|(_, mark)| *mark).for_each(|((point, normal), _)| result.push(point, normal));
+        result
+    }
+
     /// The same points as seen from another frame, given that frame's pose in this one.
     #[must_use]
     pub fn seen_from(&self, pose: &Pose2) -> Self {
