@@ -14,7 +14,7 @@ use crate::truth::TruthFiles;
 use clap::Args;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::{Phase, Profiler};
-use floorprint_io::{OpenOptions, RunFolder, open};
+use floorprint_io::{Contents, OpenOptions, RunFolder, open};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -126,7 +126,7 @@ impl Task<'_> {
 
     fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Report> {
         let mut stopwatch = Stopwatch::start(Phase::Read);
-        let folder = RunFolder::create(self.out, self.force)?;
+        let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         let data_set = open(self.path, &OpenOptions { drive: self.drive })?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
         for note in &data_set.notes {

@@ -35,5 +35,5 @@ pub use map_file::{read_map, write_map};
 pub use picture::{Picture, Pixels, read_png, write_animated_png, write_png};
 pub use relations::read_relations;
 pub use replace::write_file;
-pub use run_folder::RunFolder;
+pub use run_folder::{Contents, RunFolder};
 pub use trajectory::{read_trajectory, write_trajectory};
