@@ -29,7 +29,7 @@ pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
 pub use floor_file::{read_floor, write_floor};
 pub use format::Format;
-pub use g2o::{read_g2o, write_g2o};
+pub use g2o::{G2o, read_g2o, write_g2o};
 pub use images::{ImageEntry, ImageIndex};
 pub use map_file::{read_map, write_map};
 pub use picture::{Picture, Pixels, read_png, write_animated_png, write_png};

@@ -1,5 +1,6 @@
 //! Decimal numbers from bytes, fast for the short ones that sensor logs are made of.
 
+use crate::stamps::is_stamp;
 use std::fmt::Write;
 
 /// Powers of ten that a double holds exactly.
@@ -69,6 +70,11 @@ pub(crate) fn push_fixed(text: &mut String, value: f64, decimals: usize) {
     }
 }
 
+/// The count that the whole of `token` spells.
+pub(crate) fn parse_count(token: &[u8]) -> Option<usize> {
+    std::str::from_utf8(token).ok()?.parse().ok()
+}
+
 fn is_separator(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b',' | b'\r')
 }
@@ -117,9 +123,14 @@ impl<'a> Tokens<'a> {
         self.number().filter(|value| value.is_finite())
     }
 
+    /// The next token as a stamp, seconds.
+    pub(crate) fn stamp(&mut self) -> Option<f64> {
+        self.number().filter(|&number| is_stamp(number))
+    }
+
     /// The next token as a count.
     pub(crate) fn count(&mut self) -> Option<usize> {
-        std::str::from_utf8(self.next()?).ok()?.parse().ok()
+        parse_count(self.next()?)
     }
 
     /// The next three tokens as finite numbers.
