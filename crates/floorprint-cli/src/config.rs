@@ -1,8 +1,7 @@
 //! `floorprint config`: the configuration shown and explained.
 
-use crate::outcome::Outcome;
+use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::{HEADING, Terminal};
-use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use floorprint::Config;
 use floorprint::config::{ConfigError, ConfigOption, Kind, Layer, Preset, find_options, json_schema, options};
@@ -52,8 +51,9 @@ impl Settings {
         let mut layers: Vec<Layer> = robot.map(Layer::from_robot).into_iter().collect();
         layers.push(self.preset.layer());
         if let Some(path) = &self.config {
-            let text = fs::read_to_string(path)
-                .with_context(|| format!("cannot read the configuration file {}", path.display()))?;
+            let unreadable =
+                |error| BadArguments(format!("cannot read the configuration file {}: {error}", path.display()));
+            let text = fs::read_to_string(path).map_err(unreadable)?;
             layers.push(Layer::from_toml(&path.display().to_string(), &text)?);
         }
         for setting in &self.set {

@@ -1,9 +1,10 @@
 //! `floorprint evaluate`: results against the truth.
 
+use crate::number::number;
 use crate::outcome::Outcome;
 use crate::terminal::{HEADING, Terminal};
 use crate::truth::seen_floor;
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use floorprint::config::{Config, Layer};
 use floorprint::evaluation::{
@@ -11,11 +12,12 @@ use floorprint::evaluation::{
     TrajectoryError, TrajectoryErrorOptions,
 };
 use floorprint::map::Raster;
+use floorprint::sensors::StampedPose;
 use floorprint_io::{read_floor, read_map, read_relations, read_trajectory};
 use serde::Serialize;
 use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Compare results with the truth.
 #[derive(Subcommand)]
@@ -42,7 +44,7 @@ pub(crate) struct Trajectory {
     #[arg(long, value_enum, default_value_t = Align::None)]
     align: Align,
     /// Length of a stretch for relative errors, metres. Can be repeated.
-    #[arg(long, value_name = "METRES", default_values_t = [1.0, 10.0])]
+    #[arg(long, value_name = "METRES", default_values_t = [1.0, 10.0], value_parser = number(0.001, 1e9))]
     stretch: Vec<f64>,
     /// Print JSON.
     #[arg(long)]
@@ -132,8 +134,8 @@ impl Trajectory {
             spans: self.stretch.iter().map(|&length_m| Span::DistanceM(length_m)).collect(),
             ..TrajectoryErrorOptions::default()
         };
-        let error =
-            TrajectoryError::new(&read_trajectory(&self.trajectory)?, &read_trajectory(&self.truth)?, &options)?;
+        let error = TrajectoryError::new(&read_poses(&self.trajectory)?, &read_poses(&self.truth)?, &options)
+            .with_context(|| cannot_compare(&self.trajectory, &self.truth))?;
         if self.json {
             return print_json(out, &error);
         }
@@ -156,7 +158,8 @@ impl Trajectory {
 impl Map {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
         let options = MapQualityOptions { tolerance_cells: self.tolerance, max_shift_cells: self.max_shift };
-        let quality = MapQuality::new(&read_map(&self.map)?, &read_map(&self.truth)?, &options)?;
+        let quality = MapQuality::new(&read_map(&self.map)?, &read_map(&self.truth)?, &options)
+            .with_context(|| cannot_compare(&self.map, &self.truth))?;
         if self.json {
             return print_json(out, &quality);
         }
@@ -178,7 +181,8 @@ impl Texture {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
         let options = TextureErrorOptions { max_shift_cells: self.max_shift };
         let seen = self.seen_floor()?;
-        let error = TextureError::new(&read_floor(&self.texture)?, &read_floor(&self.truth)?, seen.as_ref(), &options)?;
+        let error = TextureError::new(&read_floor(&self.texture)?, &read_floor(&self.truth)?, seen.as_ref(), &options)
+            .with_context(|| cannot_compare(&self.texture, &self.truth))?;
         if self.json {
             return print_json(out, &error);
         }
@@ -219,7 +223,8 @@ impl Texture {
 
 impl Relations {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
-        let report = RelationReport::new(&read_trajectory(&self.trajectory)?, &read_relations(&self.relations)?);
+        let report = RelationReport::new(&read_poses(&self.trajectory)?, &read_relations(&self.relations)?)
+            .with_context(|| cannot_compare(&self.trajectory, &self.relations))?;
         if self.json {
             return print_json(out, &report);
         }
@@ -231,6 +236,17 @@ impl Relations {
         writeln!(out, "{} of {} relations matched", report.all.matched, report.all.relations)?;
         Ok(())
     }
+}
+
+/// A trajectory of at least one pose.
+fn read_poses(path: &Path) -> anyhow::Result<Vec<StampedPose>> {
+    let poses = read_trajectory(path)?;
+    ensure!(!poses.is_empty(), "cannot read {}: it holds no pose", path.display());
+    Ok(poses)
+}
+
+fn cannot_compare(estimate: &Path, truth: &Path) -> String {
+    format!("cannot compare {} with {}", estimate.display(), truth.display())
 }
 
 fn print_json(out: &mut impl Write, value: &impl Serialize) -> anyhow::Result<()> {

@@ -148,7 +148,7 @@ impl Info {
                 100.0 * lidar.no_return_share
             )?;
             if lidar.scans_of_other_size > 0 {
-                writeln!(out, "{} scans have another number of rays", lidar.scans_of_other_size)?;
+                writeln!(out, "scans with another number of rays: {}", lidar.scans_of_other_size)?;
             }
         }
         for dropped in &self.dropped {

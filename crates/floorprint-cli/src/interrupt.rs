@@ -1,28 +1,48 @@
 //! Ctrl-C: the first one asks for an orderly end, the second one ends at once.
 
-use std::sync::Arc;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// Whether the user has asked to stop.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Interrupt(Arc<AtomicBool>);
+pub(crate) struct Interrupt(Arc<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    requested: AtomicBool,
+    unfinished: OnceLock<PathBuf>,
+}
 
 impl Interrupt {
     /// Listens for Ctrl-C (and SIGTERM) from now on.
     pub(crate) fn listen() -> Self {
         let interrupt = Self::default();
-        let flag = interrupt.0.clone();
+        let heard = interrupt.clone();
         // Where no handler can be set, Ctrl-C ends the program as it always does.
-        let _ = ctrlc::set_handler(move || {
-            if flag.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        });
+        let _ = ctrlc::set_handler(move || heard.request());
         interrupt
+    }
+
+    /// Names the folder that an end at once removes.
+    pub(crate) fn removes(&self, unfinished: &Path) {
+        // There is one for each command.
+        let _ = self.0.unfinished.set(unfinished.to_path_buf());
+    }
+
+    /// Asks for an orderly end; the second time ends the program.
+    pub(crate) fn request(&self) {
+        if self.0.requested.swap(true, Ordering::Relaxed) {
+            if let Some(folder) = self.0.unfinished.get() {
+                let _ = fs::remove_dir_all(folder);
+            }
+            std::process::exit(130);
+        }
     }
 
     /// Whether to stop.
     pub(crate) fn requested(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.0.requested.load(Ordering::Relaxed)
     }
 }

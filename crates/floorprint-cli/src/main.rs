@@ -7,6 +7,7 @@ mod evaluate;
 mod figure;
 mod info;
 mod interrupt;
+mod number;
 mod optimize;
 mod outcome;
 mod report;
@@ -21,7 +22,7 @@ mod summary;
 mod terminal;
 mod truth;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use outcome::Outcome;
 use std::process::ExitCode;
 use terminal::Terminal;
@@ -80,10 +81,19 @@ impl Command {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let matches = taking_negative_numbers(Arguments::command()).get_matches();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let terminal = Terminal::new(arguments.quiet);
     match arguments.command.execute(&terminal) {
         Ok(outcome) => outcome.into(),
         Err(error) => terminal.fail(&error).into(),
     }
+}
+
+/// Lets every option take a negative number as its value, so that it can say what it expects instead.
+fn taking_negative_numbers(command: clap::Command) -> clap::Command {
+    let takes_values = |option: &clap::Arg| !option.is_positional() && option.get_action().takes_values();
+    command
+        .mut_args(|option| if takes_values(&option) { option.allow_negative_numbers(true) } else { option })
+        .mut_subcommands(taking_negative_numbers)
 }

@@ -1,14 +1,18 @@
 //! `floorprint optimize`: the best estimate of a pose graph in a g2o file.
 
 use crate::outcome::Outcome;
+use crate::summary::counted;
 use crate::terminal::Terminal;
+use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use floorprint::pose_graph::{Optimizer, OptimizerConfig, RobustKernel};
 use floorprint_io::{read_g2o, write_g2o};
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Solve a pose graph in a g2o file (VERTEX_SE2, EDGE_SE2), such as a run's graph.g2o.
+/// Solve a pose graph in a g2o file (VERTEX_SE2, EDGE_SE2, EDGE_PRIOR_SE2, FIX), such as a run's graph.g2o.
+///
+/// Vertices keep their ids, and what is fixed stays where it is.
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// Graph to read.
@@ -17,7 +21,8 @@ pub(crate) struct Arguments {
     /// Where to write it with its best estimates.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// How edges that fit badly are judged; edges between consecutive vertices are always trusted.
+    /// How edges that fit badly are judged; edges between vertices whose ids follow each other are always
+    /// trusted.
     #[arg(long, value_enum, default_value = "none")]
     robust: Robust,
     /// Largest number of steps.
@@ -38,7 +43,8 @@ enum Robust {
 
 /// Runs `floorprint optimize`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
-    let mut graph = read_g2o(&arguments.graph)?;
+    let mut file = read_g2o(&arguments.graph)?;
+    let graph = &mut file.graph;
     let kernel = match arguments.robust {
         Robust::None => RobustKernel::Quadratic,
         Robust::Dcs => RobustKernel::DynamicCovarianceScaling { phi: 5.0 },
@@ -52,16 +58,20 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     }
     let config = OptimizerConfig { max_iterations: arguments.iterations as usize, ..OptimizerConfig::default() };
     let started = Instant::now();
-    let report = Optimizer::new(config).optimize(&mut graph)?;
+    let report = Optimizer::new(config)
+        .optimize(graph)
+        .with_context(|| format!("cannot solve {}", arguments.graph.display()))?;
     let took_s = started.elapsed().as_secs_f64();
-    write_g2o(&arguments.out, &graph)?;
+    write_g2o(&arguments.out, &file)?;
+    let vertices = file.graph.poses().len();
     terminal.say(&format!(
-        "{} vertices, {} edges: cost {:.6e} -> {:.6e} in {} steps and {took_s:.3} s{}; written to {}",
-        graph.poses().len(),
-        graph.between_factors().len(),
+        "{} {}, {}: cost {:.6e} -> {:.6e} in {} and {took_s:.3} s{}; written to {}",
+        vertices,
+        if vertices == 1 { "vertex" } else { "vertices" },
+        counted(file.graph.between_factors().len(), "edge"),
         report.initial_cost,
         report.final_cost,
-        report.iterations,
+        counted(report.iterations, "step"),
         if report.converged { "" } else { ", not converged: allow more --iterations" },
         arguments.out.display(),
     ));

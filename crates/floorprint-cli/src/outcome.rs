@@ -1,5 +1,6 @@
 //! How a command ended, as the shell sees it.
 
+use std::fmt;
 use std::process::ExitCode;
 
 /// How a command ended.
@@ -16,6 +17,18 @@ pub(crate) enum Outcome {
     /// The user stopped it; what was computed so far is kept.
     Interrupted,
 }
+
+/// Why arguments or configuration make no sense.
+#[derive(Debug)]
+pub(crate) struct BadArguments(pub(crate) String);
+
+impl fmt::Display for BadArguments {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for BadArguments {}
 
 impl From<Outcome> for ExitCode {
     fn from(outcome: Outcome) -> Self {

@@ -2,6 +2,7 @@
 
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
+use crate::number::number;
 use crate::outcome::Outcome;
 use crate::report::Report;
 use crate::run_folder;
@@ -11,10 +12,11 @@ use crate::stopwatch::Stopwatch;
 use crate::summary;
 use crate::terminal::Terminal;
 use crate::truth::TruthFiles;
+use anyhow::Context as _;
 use clap::Args;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::{Phase, Profiler};
-use floorprint_io::{OpenOptions, RunFolder, open};
+use floorprint_io::{Contents, OpenOptions, RunFolder, open};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -36,7 +38,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     force: bool,
     /// Largest share of the data that may be dropped; beyond it the exit code is 3.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.05)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = number(0.0, 1.0))]
     max_dropped: f64,
 }
 
@@ -49,8 +51,9 @@ pub(crate) struct Work {
     /// Leave the floor unpainted.
     #[arg(long)]
     no_texture: bool,
-    /// Draw the map so far every so many seconds of the drive, and an animation.
-    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    /// Draw the map so far every so many seconds of the drive, and an animation. Each map is drawn anew
+    /// from all scans until then: the time grows with the square of the drive.
+    #[arg(long, value_name = "SECONDS", value_parser = number(0.001, 1e9))]
     snapshots: Option<f64>,
 }
 
@@ -62,11 +65,6 @@ impl Work {
     pub(crate) fn pool(&self) -> Result<rayon::ThreadPool, rayon::ThreadPoolBuildError> {
         rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()
     }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let number: f64 = text.parse().map_err(|_| format!("\"{text}\" is not a number"))?;
-    if number.is_finite() && number > 0.0 { Ok(number) } else { Err("expected a number > 0".to_owned()) }
 }
 
 /// What to solve and where to put it.
@@ -100,7 +98,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         out: &out,
         force: arguments.force,
     };
-    let report = task.execute(terminal)?;
+    let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
     summary::print(&mut terminal.results(), &report, &out)?;
     if report.partial {
         terminal.warn("stopped before its end: the results are partial");
@@ -118,15 +116,17 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 }
 
 impl Task<'_> {
-    /// Solves the drive on its own pool of threads and writes the folder.
-    pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Report> {
+    /// Solves the drive on its own pool of threads and writes the folder; `None`, and no folder, when the
+    /// user stopped it before there was anything to write.
+    pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Option<Report>> {
         let interrupt = Interrupt::listen();
         self.work.pool()?.install(|| self.solve_and_write(terminal, &interrupt))
     }
 
-    fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Report> {
+    fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Option<Report>> {
         let mut stopwatch = Stopwatch::start(Phase::Read);
-        let folder = RunFolder::create(self.out, self.force)?;
+        let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
+        interrupt.removes(folder.path());
         let data_set = open(self.path, &OpenOptions { drive: self.drive })?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
         for note in &data_set.notes {
@@ -135,7 +135,12 @@ impl Task<'_> {
 
         let mut snapshots = self.work.snapshots.map(Snapshots::new);
         let mut around = Surroundings { terminal, interrupt, profiler: &mut stopwatch, snapshots: snapshots.as_mut() };
-        let solution = solve(&data_set, &config, !self.work.no_texture, &mut around)?;
+        let solution = solve(&data_set, &config, !self.work.no_texture, &mut around)
+            .with_context(|| format!("cannot solve {}", self.path.display()))?;
+        if solution.partial && solution.trajectory.is_empty() {
+            terminal.warn("stopped before the first scan: there is nothing to write");
+            return Ok(None);
+        }
 
         stopwatch.enter(Phase::Evaluate);
         let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
@@ -147,11 +152,30 @@ impl Task<'_> {
         }
         run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
         folder.finish()?;
-        Ok(report)
+        Ok(Some(report))
     }
 }
 
 /// The map of a drive on which nothing was seen: one unknown cell.
 fn nothing_seen(resolution_m: f64) -> Raster<Occupancy> {
     Raster { width: 1, height: 1, resolution_m, origin_m: [0.0, 0.0], cells: vec![Occupancy::Unknown] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn what_is_stopped_before_its_first_scan_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let (log, out) = (folder.path().join("drive.clf"), folder.path().join("runs/drive"));
+        fs::write(&log, "FLASER 3 2.0 2.0 2.0 0 0 0 0 0 0 1.0 host 1.0\n").unwrap();
+        let (settings, work) = (Settings::default(), Work::default());
+        let task = Task { path: &log, drive: None, settings: &settings, work: &work, out: &out, force: false };
+        let interrupt = Interrupt::default();
+        interrupt.request();
+        assert!(task.solve_and_write(&Terminal::new(true), &interrupt).unwrap().is_none());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
 }

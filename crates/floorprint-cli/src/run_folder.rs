@@ -25,7 +25,7 @@ pub(crate) fn write(
     write_trajectory(&folder.join("trajectory.tum"), &solution.trajectory)?;
     write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?;
     if let Some(graph) = &solution.graph {
-        write_g2o(&folder.join("graph.g2o"), graph)?;
+        write_g2o(&folder.join("graph.g2o"), &graph.clone().into())?;
     }
     write_map(&folder.join("map.yaml"), map)?;
     write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?;

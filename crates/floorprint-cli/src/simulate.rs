@@ -1,8 +1,7 @@
 //! `floorprint simulate`: a drive with known truth, in the course's file layout.
 
-use crate::outcome::Outcome;
+use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
-use anyhow::Context as _;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
@@ -38,8 +37,15 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let config = match &arguments.config {
         None => SimulationConfig::default(),
         Some(path) => {
-            let place = || format!("cannot use the simulation's settings in {}", path.display());
-            toml::from_str(&fs::read_to_string(path).with_context(place)?).with_context(place)?
+            let unusable = |what: &str| {
+                BadArguments(format!("cannot use the simulation's settings in {}: {what}", path.display()))
+            };
+            let text = fs::read_to_string(path).map_err(|error| unusable(&error.to_string()))?;
+            toml::from_str(&text).map_err(|error| {
+                let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
+                let line = 1 + before.matches('\n').count();
+                unusable(&format!("line {line}: {}", error.message().replace('\n', ", ")))
+            })?
         }
     };
     let drive = simulate(World::named(&arguments.world, arguments.seed)?, config, arguments.seed)?;

@@ -4,14 +4,15 @@ use crate::interrupt::Interrupt;
 use crate::snapshots::Snapshots;
 use crate::stopwatch::ScanTimes;
 use crate::terminal::Terminal;
+use anyhow::{anyhow, ensure};
 use floorprint::geometry::Pose2;
 use floorprint::loop_closure::ClosureReport;
 use floorprint::map::OccupancyGrid;
-use floorprint::odometry::{Frames, SynchronisationSummary, Trajectory};
+use floorprint::odometry::{Frames, OdometryError, SynchronisationSummary, Trajectory};
 use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
-use floorprint::{Config, Phase, Profiler, Slam, StepReport};
+use floorprint::{Config, Frame, Phase, Profiler, Slam, SlamError, StepReport};
 use floorprint_io::{DataSet, ImageIndex};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -79,7 +80,7 @@ pub(crate) struct Surroundings<'a> {
 /// Runs the filter over a drive and paints the floor.
 ///
 /// # Errors
-/// No frames can be made of the records; the camera's calibration cannot work.
+/// No frames can be made of the records; no scan shows anything; the camera's calibration cannot work.
 pub(crate) fn solve(
     data_set: &DataSet,
     config: &Config,
@@ -87,35 +88,54 @@ pub(crate) fn solve(
     around: &mut Surroundings<'_>,
 ) -> anyhow::Result<Solution> {
     around.profiler.enter(Phase::Synchronise);
-    let frames = Frames::new(&data_set.records, config)?;
+    let frames = Frames::new(&data_set.records, config).map_err(|error| match error {
+        OdometryError::NoScans { .. } => anyhow!("{error}: a map needs {}", data_set.format.scans),
+        error => error.into(),
+    })?;
     let mut slam = Slam::new(config);
     let mut steps = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
     let mut scan_times = ScanTimes::default();
     let progress = around.terminal.progress("solving", "scans", frames.len());
-    let mut positions = 0;
-    while positions < frames.len() && !around.interrupt.requested() {
+    // Which frames the filter took in.
+    let mut taken = Vec::with_capacity(frames.len());
+    let mut something_seen = false;
+    let mut partial = false;
+    for position in 0..frames.len() {
+        partial = around.interrupt.requested();
+        if partial {
+            break;
+        }
         around.profiler.enter(Phase::Synchronise);
         let started = Instant::now();
-        if let Some(frame) = frames.frame(positions) {
+        if let Some(frame) = frames.frame(position) {
             match slam.process(&frame, around.profiler) {
-                Ok(step) => steps.push(step),
-                Err(error) => *refused.entry(error.to_string()).or_default() += 1,
+                Ok(step) => {
+                    steps.push(step);
+                    taken.push(position);
+                    something_seen |= !frame.scan.hits.is_empty();
+                }
+                Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
             }
             scan_times.add(started.elapsed().as_secs_f64());
             if let Some(snapshots) = &mut around.snapshots {
-                snapshots.observe(&slam, &frames, &steps);
+                snapshots.observe(&slam, &steps, || at(&frames, &taken));
             }
         }
-        positions += 1;
         progress.inc(1);
     }
     progress.finish_and_clear();
+    ensure!(
+        something_seen || partial,
+        "no ray of any scan hit anything from {} to {} m away (scan.range_min_m, scan.range_max_m): are the ranges in metres?",
+        config.scan.range_min_m,
+        config.scan.range_max_m
+    );
 
-    let mut partial = positions < frames.len();
     let started = Instant::now();
-    let result = slam.finish(|| frames.iter().take(positions), around.profiler);
+    let result = slam.finish(|| at(&frames, &taken), around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
+    let dead_reckoned: Vec<StampedPose> = frames.dead_reckoned_poses().collect();
     let floor = match (&data_set.images, &config.robot.camera) {
         (Some(images), Some(_)) if paint_floor && !partial => {
             around.profiler.enter(Phase::Texture);
@@ -125,7 +145,7 @@ pub(crate) fn solve(
     };
     partial |= around.interrupt.requested();
     Ok(Solution {
-        odometry: frames.dead_reckoned_poses().take(positions).collect(),
+        odometry: taken.iter().map(|&position| dead_reckoned[position]).collect(),
         summary: frames.summary().clone(),
         trajectory: result.trajectory,
         closures: result.closures,
@@ -138,6 +158,11 @@ pub(crate) fn solve(
         finish_s,
         partial,
     })
+}
+
+/// The frames at some positions.
+fn at<'a>(frames: &'a Frames<'_>, positions: &'a [usize]) -> impl Iterator<Item = Frame> + 'a {
+    positions.iter().filter_map(|&position| frames.frame(position))
 }
 
 /// Paints the floor from the images, read as they are needed.
@@ -195,6 +220,13 @@ fn paint(
     let stamped = patches.iter().zip(&places).map(|(patch, &pose)| StampedPose { stamp_s: patch.stamp_s, pose });
     let nothing_new = pairing.pairs.len() - pairs.len();
     Ok(Floor { map: mapper.paint(&patches, &places), images: stamped.collect(), nothing_new, skipped })
+}
+
+/// Why the filter does not take a scan, for people.
+fn reason_for_refusing(error: &SlamError) -> &'static str {
+    match error {
+        SlamError::NotFinite { .. } => "scans that are not finite, or to which no finite odometry leads",
+    }
 }
 
 /// Why an image pair shows no floor, for people.

@@ -16,7 +16,13 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
     let mut line = |name: &str, text: String| writeln!(out, "{HEADING}{name:<12}{HEADING:#}{text}");
     line(
         "drive",
-        format!("{:.1} m in {:.1} s, {} of {} scans", drive.length_m, drive.duration_s, drive.poses, drive.scans),
+        format!(
+            "{:.1} m in {:.1} s, {} of {}",
+            drive.length_m,
+            drive.duration_s,
+            drive.poses,
+            counted(drive.scans, "scan")
+        ),
     )?;
     let errors = &report.errors;
     for (name, error) in [("trajectory", &errors.trajectory), ("odometry", &errors.odometry)] {
@@ -55,7 +61,7 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
         )?;
     }
     if let Some(loops) = &report.loops {
-        line("loops", format!("{} closed, {} candidates rejected", loops.closed, loops.rejected))?;
+        line("loops", format!("{} closed, {} rejected", loops.closed, loops.rejected))?;
     }
     let map = &report.map;
     let quality = errors.map.map_or(String::new(), |quality| {
@@ -68,7 +74,7 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
                 error.coverage.map_or(String::new(), |share| format!(", {:.1} % of the floor seen", 100.0 * share));
             format!(", colour error {:.2} / 255{coverage}", error.mean_absolute_error)
         });
-        line("floor", format!("{:.1} m² from {} image pairs{error}", texture.painted_m2, texture.images))?;
+        line("floor", format!("{:.1} m² from {}{error}", texture.painted_m2, counted(texture.images, "image pair")))?;
     }
     if !report.dropped.is_empty() {
         let lost: usize = report.dropped.iter().map(|dropped| dropped.count).sum();

@@ -2,9 +2,11 @@
 //!
 //! Colours are used on terminals only, and never when `NO_COLOR` is set.
 
-use crate::outcome::Outcome;
+use crate::outcome::{BadArguments, Outcome};
 use anstyle::{AnsiColor, Style};
 use floorprint::config::ConfigError;
+use floorprint::odometry::OdometryError;
+use floorprint::simulator::SimulationError;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, Write};
 
@@ -55,12 +57,14 @@ impl Terminal {
         if kinds.any(|kind| kind == io::ErrorKind::BrokenPipe) {
             return Outcome::Fine;
         }
-        let mut text = format!("{ERROR}error{ERROR:#}: {error}");
-        for cause in error.chain().skip(1) {
-            text.push_str(&format!("\n  because: {cause}"));
-        }
-        report(&text);
-        if error.chain().any(|cause| cause.is::<ConfigError>()) { Outcome::BadArguments } else { Outcome::Failed }
+        report(&format!("{ERROR}error{ERROR:#}: {error:#}"));
+        let is_about_arguments = |cause: &(dyn std::error::Error + 'static)| {
+            cause.is::<BadArguments>()
+                || cause.is::<ConfigError>()
+                || cause.is::<SimulationError>()
+                || matches!(cause.downcast_ref(), Some(OdometryError::Setting { .. }))
+        };
+        if error.chain().any(is_about_arguments) { Outcome::BadArguments } else { Outcome::Failed }
     }
 
     /// A bar for `length` steps of work with speed and time left; silent when stderr is no terminal.

@@ -93,8 +93,8 @@ impl TruthFiles {
         }
         if let Some(path) = &self.relations {
             let relations = read_relations(path)?;
-            errors.relations = Some(RelationReport::new(&solution.trajectory, &relations));
-            errors.odometry_relations = Some(RelationReport::new(&solution.odometry, &relations));
+            errors.relations = noted(RelationReport::new(&solution.trajectory, &relations), notes);
+            errors.odometry_relations = RelationReport::new(&solution.odometry, &relations).ok();
         }
         let true_map = self.map.as_deref().map(read_map).transpose()?;
         if let Some(truth) = &true_map {

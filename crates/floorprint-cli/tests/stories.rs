@@ -74,6 +74,17 @@ fn report(folder: &Path) -> serde_json::Value {
     serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap()
 }
 
+/// A line of a CARMEN log: a scan with all ranges alike, and the base's odometry.
+fn flaser(range: &str, odometry: &str, stamp_s: &str) -> String {
+    let ranges = vec![range; 180].join(" ");
+    format!("FLASER 180 {ranges} {odometry} {odometry} {stamp_s} host {stamp_s}\n")
+}
+
+/// A log of a robot that stands still for two seconds.
+fn standing_log(range: &str) -> String {
+    (0..20).map(|index| flaser(range, "0 0 0", &format!("{:.1}", f64::from(index) * 0.1))).collect()
+}
+
 #[test]
 fn a_drive_becomes_a_folder_with_everything_in_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -162,8 +173,13 @@ fn an_earlier_run_is_replaced_only_when_asked() {
     run(&drive(), &out, &["--no-texture"]);
     let message = failure(&["run", &drive(), "--no-texture", "--out", out.to_str().unwrap()], 1);
     assert!(message.contains("--force"), "{message}");
+    run(&drive(), &out, &["--no-texture", "--force", "--snapshots", "30"]);
     run(&drive(), &out, &["--no-texture", "--force"]);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside the results");
+    fs::write(out.join("thesis.doc"), "mine").unwrap();
+    let message = failure(&["run", &drive(), "--no-texture", "--force", "--out", out.to_str().unwrap()], 1);
+    assert!(message.contains("thesis.doc"), "{message}");
+    assert_eq!(fs::read(out.join("thesis.doc")).unwrap(), b"mine");
 }
 
 #[test]
@@ -222,7 +238,102 @@ fn wrong_and_empty_paths_are_explained() {
     let out = folder.path().join("out");
     let message = failure(&["run", empty.to_str().unwrap(), "--out", out.to_str().unwrap()], 1);
     assert!(message.contains("empty"), "{message}");
+    let message = failure(&["run", "no/such/drive", "--out", folder.path().join("deep/er/x").to_str().unwrap()], 1);
+    assert!(message.contains("no/such/drive"), "{message}");
+    let message = failure(&["run", &drive(), "--out", empty.join("x").to_str().unwrap()], 1);
+    assert!(message.contains("choose another place"), "{message}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "a failure leaves nothing behind");
+}
+
+#[test]
+fn logs_in_which_nothing_is_seen_are_failures_with_advice() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, out) = (folder.path().join("drive.clf"), folder.path().join("out"));
+    let fails = |content: &str| {
+        fs::write(&log, content).unwrap();
+        let message = failure(&["run", log.to_str().unwrap(), "--out", out.to_str().unwrap()], 1);
+        assert!(message.contains("drive.clf") && !out.exists(), "{message}");
+        assert_eq!(message.lines().filter(|line| line.starts_with("error")).count(), 1, "{message}");
+        message
+    };
+    for range in ["1e30", "4500"] {
+        let message = fails(&standing_log(range));
+        assert!(message.contains("are the ranges in metres?"), "{message}");
+    }
+    let message = fails(&"ODOM 1.0 0.0 0.0 0.1 0.0 0.0 1.0 host 0.1\n".repeat(3));
+    assert!(message.contains("a map needs FLASER") && !message.contains("stands out"), "{message}");
+    let message = fails(&standing_log("2.0").replace("FLASER 180", "FLASER 999"));
+    assert!(message.contains("announces 999 ranges") && message.len() < 400, "{message}");
+    fs::write(&log, standing_log("2.0")).unwrap();
+    let message = failure(&["run", log.to_str().unwrap(), "--drive", "3"], 1);
+    assert!(message.contains("no drive 3"), "{message}");
+}
+
+#[test]
+fn scans_that_the_filter_refuses_shift_no_poses() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, out) = (folder.path().join("drive.clf"), folder.path().join("out"));
+    // The odometry leaps so far that motions overflow, and comes back.
+    let leaps = |index: u32| if (8..11).contains(&index) { "1e308 0 0" } else { "-1e308 0 0" };
+    let lines: String = (0..20).map(|index| flaser("2.0", leaps(index), &format!("{index}.0"))).collect();
+    fs::write(&log, lines).unwrap();
+    run(log.to_str().unwrap(), &out, &["--max-dropped", "1", "--snapshots", "5"]);
+    let stamps = |name: &str| -> Vec<String> {
+        let text = fs::read_to_string(out.join(name)).unwrap();
+        text.lines().map(|line| line.split(' ').next().unwrap().to_owned()).collect()
+    };
+    assert_eq!(stamps("trajectory.tum"), stamps("odometry.tum"));
+    assert_eq!(stamps("trajectory.tum").len(), 16);
+    assert_eq!(report(&out)["dropped"][0]["count"], 4, "{}", report(&out)["dropped"]);
+}
+
+#[test]
+fn a_trajectory_that_shares_nothing_with_the_truth_is_no_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, content: &str| {
+        fs::write(folder.path().join(name), content).unwrap();
+        folder.path().join(name).display().to_string()
+    };
+    let trajectory = file("a.tum", "10 0 0 0 0 0 0 1\n11 1 0 0 0 0 0 1\n");
+    let relations = file("a.relations", "10 11 1 0 0 0 0 0\n");
+    let evaluate = |trajectory: &str, relations: &str, code: i32| {
+        let arguments = ["evaluate", "relations", "--trajectory", trajectory, "--relations", relations];
+        if code == 0 { text(&floorprint(&arguments).stdout) } else { failure(&arguments, code) }
+    };
+    assert!(evaluate(&trajectory, &relations, 0).contains("1 of 1 relations matched"));
+    let shifted = file("b.tum", "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n");
+    let message = evaluate(&shifted, &relations, 1);
+    assert!(message.contains("b.tum") && message.contains("a.relations"), "{message}");
+    assert!(message.contains("0.000 to 1.000 s") && message.contains("10.000 to 11.000 s"), "{message}");
+    assert!(evaluate(&file("c.tum", "# nothing\n"), &relations, 1).contains("c.tum: it holds no pose"));
+    assert_eq!(evaluate(&relations, &trajectory, 1).lines().count(), 1);
+}
+
+#[test]
+fn pose_graphs_keep_their_names_and_faults_are_told_with_their_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let (graph, out) = (folder.path().join("a.g2o"), folder.path().join("b.g2o"));
+    let arguments = ["optimize", graph.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let information = "1 0 0 1 0 1";
+    let text_of = |edge: &str| format!("VERTEX_SE2 3 0 0 0\nVERTEX_SE2 9 2 0 0\nFIX 3\nEDGE_SE2 3 9 1 0 0 {edge}\n");
+    fs::write(&graph, text_of(information)).unwrap();
+    let output = floorprint(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let solved = fs::read_to_string(&out).unwrap();
+    assert!(solved.starts_with("VERTEX_SE2 3 0.0 0.0 0.0\nVERTEX_SE2 9 1.0"), "{solved}");
+    assert!(solved.contains("FIX 3\nEDGE_SE2 3 9 "), "{solved}");
+    for (content, said) in [
+        (String::new(), "a.g2o: it holds no VERTEX_SE2"),
+        (text_of("1 5 0 1 0 1"), "a.g2o, line 4: an information matrix with a negative eigenvalue"),
+        (text_of("1e300 0 0 1 0 1"), "a.g2o, line 4: an information matrix that is not finite or beyond 1e30"),
+        (text_of("0 0 0 0 0 0"), "a.g2o: the graph does not determine"),
+        (text_of("1 0 0 1 0 1 7"), "a.g2o, line 4: \"EDGE_SE2 3 9"),
+    ] {
+        fs::write(&graph, content).unwrap();
+        let message = failure(&arguments, 1);
+        assert!(message.contains(said) && message.lines().count() == 1, "{message}");
+        assert_eq!(fs::read_to_string(&out).unwrap(), solved, "a failure leaves the old file");
+    }
 }
 
 #[test]
@@ -240,6 +351,37 @@ fn misspelt_settings_lead_to_the_right_ones() {
     assert!(message.contains("my.toml:2") && message.contains("stratified"), "{message}");
     assert!(failure(&["config", "explain", "particels"], 2).contains("no option"));
     assert!(failure(&["simulate", "--world", "room", "--out", "unused"], 2).contains("rooms"));
+    fs::write(&file, "[lidar]\nbeems = 3\n").unwrap();
+    let message = failure(&["simulate", "--config", file.to_str().unwrap(), "--out", "unused"], 2);
+    assert!(message.contains("line 2") && message.contains("beams") && message.lines().count() == 1, "{message}");
+}
+
+#[test]
+fn bad_arguments_have_an_exit_code_of_their_own_and_name_the_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let out = out.to_str().unwrap();
+    for (arguments, said) in [
+        (&["run", "x", "--threads", "-1"][..], "--threads"),
+        (&["run", "x", "--seed", "-1"], "--seed"),
+        (&["run", "x", "--max-dropped", "7"], "from 0 to 1"),
+        (&["run", "x", "--max-dropped", "nan"], "from 0 to 1"),
+        (&["run", "x", "--max-dropped", "-1"], "from 0 to 1"),
+        (&["optimize", "x", "--out", out, "--iterations", "-1"], "--iterations"),
+        (&["bench", "--world", "rooms", "--range-m", "-3"], "--range-m"),
+        (&["bench", "--world", "rooms", "--rate-hz", "0"], "--rate-hz"),
+        (&["bench", "--world", "rooms", "--field-of-view-deg", "720"], "from 1 to 360"),
+        (&["bench", "--out", out], "--world NAME, or --growth"),
+        (&["run", &drive(), "--out", out, "--config", "missing.toml"], "missing.toml"),
+        (&["run", &drive(), "--out", out, "--config", folder.path().to_str().unwrap()], "configuration file"),
+        (&["run", &drive(), "--out", out, "--set", "scan.range_max_m=0.06", "--set", "scan.range_min_m=3"], "scan."),
+    ] {
+        let message = failure(arguments, 2);
+        assert!(message.contains(said) && !message.contains("-- -"), "{arguments:?}: {message}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    let message = failure(&["bench", folder.path().to_str().unwrap(), "--out", out], 1);
+    assert!(message.contains(folder.path().to_str().unwrap()), "{message}");
 }
 
 #[test]
@@ -266,13 +408,7 @@ fn a_data_set_is_described() {
 fn too_many_dropped_data_have_an_exit_code_of_their_own() {
     let folder = tempfile::tempdir().unwrap();
     let log = folder.path().join("garbled.clf");
-    let scan = |time: f64| {
-        let ranges = vec!["2.0"; 180].join(" ");
-        format!("FLASER 180 {ranges} 0 0 0 0 0 0 {time} host {time}\n")
-    };
-    let mut content: String = (0..20).map(|index| scan(f64::from(index) * 0.1)).collect();
-    content.push_str(&"FLASER 180 1.0 garbled\n".repeat(10));
-    fs::write(&log, content).unwrap();
+    fs::write(&log, standing_log("2.0") + &"FLASER 180 1.0 garbled\n".repeat(10)).unwrap();
     let out = folder.path().join("out");
     let arguments = ["run", log.to_str().unwrap(), "--out", out.to_str().unwrap(), "--force"];
     assert_eq!(floorprint(&arguments).status.code(), Some(3));
@@ -335,6 +471,24 @@ fn a_benchmark_tells_first_what_cannot_work_and_goes_on_past_a_broken_log() {
     assert!(table.contains("| drive | fast | 1 |") && table.contains("No figures from broken, fast"), "{table}");
 }
 
+#[test]
+fn a_benchmark_measures_once_what_was_asked_for_twice_and_takes_any_name() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("-odd.clf"), standing_log("2.0")).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_floorprint"))
+        .current_dir(folder.path())
+        .args(["bench", "--seeds", "1", "--preset", "fast", "--preset", "fast", "--out", "bench"])
+        .args(["--growth", "0.1,0.10", "--beams", "91", "--rate-hz", "5", "--", "-odd.clf"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let found: serde_json::Value =
+        serde_json::from_slice(&fs::read(folder.path().join("bench/bench.json")).unwrap()).unwrap();
+    assert_eq!(found["data_sets"][0]["runs"].as_array().unwrap().len(), 1);
+    assert_eq!(found["growth"].as_array().unwrap().len(), 1);
+    assert_eq!(found["growth"][0]["runs"].as_array().unwrap().len(), 1);
+}
+
 #[cfg(unix)]
 #[test]
 fn ctrl_c_keeps_what_was_computed_and_marks_it() {
@@ -344,25 +498,50 @@ fn ctrl_c_keeps_what_was_computed_and_marks_it() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     // So many particles that the end is far away when the signal comes.
-    let mut child = Command::new(env!("CARGO_BIN_EXE_floorprint"))
-        .args(["run", &drive(), "--preset", "seed", "--set", "filter.particles=20000", "--out"])
-        .arg(&out)
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    // The handler is set before the folder is made.
-    let started = Instant::now();
-    while fs::read_dir(folder.path()).unwrap().next().is_none() {
-        assert!(started.elapsed() < Duration::from_secs(60), "the run did not start");
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), Signal::SIGINT).unwrap();
+    let start = || {
+        let child = Command::new(env!("CARGO_BIN_EXE_floorprint"))
+            .args([
+                "run",
+                &drive(),
+                "--preset",
+                "seed",
+                "--set",
+                "filter.particles=100000",
+                "--snapshots",
+                "0.1",
+                "--out",
+            ])
+            .arg(&out)
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        // The handler is set before the folder is made, and by and by the first scans are done.
+        let started = Instant::now();
+        while fs::read_dir(folder.path()).unwrap().next().is_none() {
+            assert!(started.elapsed() < Duration::from_secs(60), "the run did not start");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        std::thread::sleep(Duration::from_millis(1500));
+        let process = Pid::from_raw(i32::try_from(child.id()).unwrap());
+        (child, process)
+    };
+    let (mut child, process) = start();
+    kill(process, Signal::SIGINT).unwrap();
     let status = child.wait().unwrap();
     assert_eq!(status.code(), Some(130));
     let report = report(&out);
     assert_eq!(report["partial"], true);
     assert!(report["drive"]["poses"].as_u64().unwrap() < report["drive"]["scans"].as_u64().unwrap());
     assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("partial"));
+
+    fs::remove_dir_all(&out).unwrap();
+    let (mut child, process) = start();
+    kill(process, Signal::SIGINT).unwrap();
+    std::thread::sleep(Duration::from_millis(5));
+    kill(process, Signal::SIGINT).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let left = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+    assert_eq!(left.filter(|name| name != "out").count(), 0, "an end at once leaves nothing unfinished");
 }
 
 #[cfg(unix)]

@@ -1,6 +1,6 @@
 //! A recorded drive: the records of its sensors with the calibration of the robot.
 
-use crate::error::ReadError;
+use crate::error::{Problem, ReadError};
 use crate::format::{self, Format};
 use crate::images::ImageIndex;
 use crate::source::Source;
@@ -49,10 +49,17 @@ impl DataSet {
 /// Opens the data set at `path`, recognised by its content.
 ///
 /// # Errors
-/// When nothing lies there, when no format is recognised, and when the files are damaged
-/// or hold nothing that can be used.
+/// When nothing lies there, when no format is recognised, when the files are damaged
+/// or hold nothing that can be used, and when a drive is chosen of a single file.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
     let source = Source::open(path)?;
+    if let (Source::File(_), Some(drive)) = (&source, options.drive) {
+        let problem = Problem::new(path, format!("a single file, in which there is no drive {drive}"));
+        return Err(problem
+            .expected("a folder with several drives")
+            .advice("Leave the number of the drive out")
+            .into());
+    }
     format::recognise(&source)?.read(&source, options)
 }
 

@@ -10,7 +10,7 @@ use crate::map_file::write_map;
 use crate::npz_writer::NpzWriter;
 use crate::picture::{Picture, Pixels, write_png};
 use crate::replace::write_file;
-use crate::run_folder::RunFolder;
+use crate::run_folder::{Contents, RunFolder};
 use crate::trajectory::write_trajectory;
 use crate::write_floor;
 use floorprint::simulator::{SimulatedDrive, SimulationConfig};
@@ -60,7 +60,7 @@ pub fn write_ece276a(
     replace: bool,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<(), WriteError> {
-    let folder = RunFolder::create(target, replace)?;
+    let folder = RunFolder::create(target, Contents::Simulation, replace)?;
     let path = folder.path();
     let (disparity_images, color_images) = (drive.disparity_stamps_s().len(), drive.color_stamps_s().len());
     let total = drive.scan_count() + disparity_images + color_images;

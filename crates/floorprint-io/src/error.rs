@@ -78,6 +78,13 @@ impl fmt::Display for Problem {
     }
 }
 
+/// A line of a file for a message, between quotes and not too long.
+pub(crate) fn quoted(line: &[u8]) -> String {
+    const LONGEST: usize = 80;
+    let (shown, rest) = line.split_at(line.len().min(LONGEST));
+    format!("\"{}{}\"", shown.escape_ascii(), if rest.is_empty() { "" } else { "…" })
+}
+
 impl ReadError {
     /// The parts of the message.
     #[must_use]
@@ -108,6 +115,9 @@ impl WriteError {
                 "Choose a folder that you may write to"
             }
             io::ErrorKind::NotFound => "Make the folder that is to hold it first",
+            io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
+                "A file stands where a folder is needed: choose another place"
+            }
             _ => "",
         };
         Problem::new(file, error.to_string()).advice(advice).into()

@@ -1,7 +1,7 @@
 //! Relations of the Freiburg SLAM benchmark: lines of `stamp stamp x y z roll pitch yaw`
 //! (Kümmerle et al. 2009, "On measuring the accuracy of SLAM algorithms").
 
-use crate::error::{Problem, ReadError};
+use crate::error::{Problem, ReadError, quoted};
 use crate::number::Tokens;
 use floorprint::evaluation::Relation;
 use floorprint::geometry::Pose2;
@@ -24,7 +24,7 @@ fn parse_relations(path: &Path, text: &[u8]) -> Result<Vec<Relation>, ReadError>
             continue;
         }
         relations.push(parse_relation(line).ok_or_else(|| {
-            Problem::new(path, format!("\"{}\"", line.escape_ascii()))
+            Problem::new(path, quoted(line))
                 .at(format!("line {}", index + 1))
                 .expected("eight finite numbers: stamp stamp x y z roll pitch yaw")
         })?);

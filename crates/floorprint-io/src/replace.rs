@@ -8,17 +8,33 @@ use std::path::{Path, PathBuf};
 
 /// Writes the file at `path` beside it under another name and then moves it into place, so that
 /// whoever reads it sees the old content or the new, and a failure leaves nothing half-written.
+///
+/// A link stays: the file that it leads to is replaced. A device or a pipe cannot be replaced: it is
+/// written to as it is.
 pub(crate) fn replace_file(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), WriteError> {
-    let unfinished = sibling(path, "unfinished");
-    let result = write_all(&unfinished, write).and_then(|()| fs::rename(&unfinished, path));
-    if result.is_err() {
-        // The failure that is reported is the first one; the leftover may not even exist.
-        let _ = fs::remove_file(&unfinished);
-    }
+    let result = if fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
+        write_all(path, write).map(drop)
+    } else {
+        let target = behind_links(path);
+        let unfinished = sibling(&target, "unfinished");
+        // Some file systems tell only when asked to sync that the disk is full.
+        let written = write_all(&unfinished, write).and_then(|file| file.sync_all());
+        let result = written.and_then(|()| fs::rename(&unfinished, &target));
+        if result.is_err() {
+            // The failure that is reported is the first one; the leftover may not even exist.
+            let _ = fs::remove_file(&unfinished);
+        }
+        result
+    };
     result.map_err(|error| WriteError::io(path, &error))
+}
+
+/// What a path leads to; itself where there is nothing yet.
+pub(crate) fn behind_links(path: &Path) -> PathBuf {
+    fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
 /// Writes `bytes` as the file at `path`, whole or not at all.
@@ -29,19 +45,25 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     replace_file(path, |file| file.write_all(bytes))
 }
 
-fn write_all(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+fn write_all(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<File> {
     let mut writer = BufWriter::with_capacity(1 << 16, File::create(path)?);
     write(&mut writer)?;
-    // Some file systems tell only now that the disk is full.
-    writer.into_inner()?.sync_all()
+    Ok(writer.into_inner()?)
 }
 
 /// A name beside `path` that no one else uses: hidden, with the process's number.
 pub(crate) fn sibling(path: &Path, purpose: &str) -> PathBuf {
+    let mut name = sibling_prefix(path, purpose);
+    name.push(std::process::id().to_string());
+    path.with_file_name(name)
+}
+
+/// How the names of [`sibling`]s begin, whatever the process.
+pub(crate) fn sibling_prefix(path: &Path, purpose: &str) -> OsString {
     let mut name = OsString::from(".");
     name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{purpose}-{}", std::process::id()));
-    path.with_file_name(name)
+    name.push(format!(".{purpose}-"));
+    name
 }
 
 #[cfg(test)]
@@ -61,5 +83,27 @@ mod tests {
         assert!(error.problem().advice.contains("space"), "{error}");
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_and_pipes_stay_what_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link, pipe) = (folder.path().join("file"), folder.path().join("link"), folder.path().join("pipe"));
+        fs::write(&file, b"old").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        write_file(&link, b"new").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read(&file).unwrap(), b"new");
+
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let pipe = pipe.clone();
+            move || fs::read(pipe).unwrap()
+        });
+        write_file(&pipe, b"through").unwrap();
+        assert!(!pipe.metadata().unwrap().is_file());
+        assert_eq!(reader.join().unwrap(), b"through");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
     }
 }

@@ -70,13 +70,12 @@ impl Source {
 impl FileSource {
     /// A file with the given bytes.
     pub(crate) fn new(path: &Path, bytes: Vec<u8>) -> Result<Self, ReadError> {
-        if bytes.is_empty() {
-            return Err(Problem::new(path, "the file is empty").expected("a recorded data set").into());
-        }
         let mut file = Self { path: path.to_path_buf(), bytes, head: Vec::new() };
         let mut head = Vec::new();
         // A damaged file may end early; what its beginning is can be told nevertheless.
-        let _ = file.content().take(HEAD_BYTES).read_to_end(&mut head);
+        if let Ok(0) = file.content().take(HEAD_BYTES).read_to_end(&mut head) {
+            return Err(Problem::new(path, "the file is empty").expected("a recorded data set").into());
+        }
         file.head = head;
         Ok(file)
     }

@@ -1,6 +1,6 @@
 //! Trajectories in the TUM format: lines of `stamp x y z qx qy qz qw`.
 
-use crate::error::{Problem, ReadError, WriteError};
+use crate::error::{Problem, ReadError, WriteError, quoted};
 use crate::number::{Tokens, push_fixed};
 use crate::replace::write_file;
 use floorprint::geometry::Pose2;
@@ -48,7 +48,7 @@ fn parse_trajectory(path: &Path, text: &[u8]) -> Result<Vec<StampedPose>, ReadEr
             continue;
         }
         trajectory.push(parse_pose(line).ok_or_else(|| {
-            Problem::new(path, format!("\"{}\"", line.escape_ascii()))
+            Problem::new(path, quoted(line))
                 .at(format!("line {}", index + 1))
                 .expected("eight finite numbers: stamp x y z qx qy qz qw")
         })?);
@@ -100,5 +100,8 @@ mod tests {
     fn a_bad_line_is_named() {
         let error = parse_trajectory(Path::new("t.tum"), b"# x\n1 2 3 0 0 0 0 1\n1 2 nan 0 0 0 0 1\n").unwrap_err();
         assert_eq!(error.problem().place, "line 3");
+        let long = [b"1 2 3 ".as_slice(), &[b'x'; 1000]].concat();
+        let error = parse_trajectory(Path::new("t.tum"), &long).unwrap_err();
+        assert!(error.to_string().len() < 200, "{error}");
     }
 }

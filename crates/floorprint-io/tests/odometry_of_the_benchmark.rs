@@ -27,7 +27,7 @@ fn raw_odometry_has_its_known_error() {
         let odometry: Vec<_> =
             log.scans().filter_map(|scan| Some(StampedPose { stamp_s: scan.stamp_s, pose: scan.odometry? })).collect();
         let truth = read_relations(&folder.join(format!("{name}.relations"))).unwrap();
-        let report = RelationReport::new(&odometry, &truth);
+        let report = RelationReport::new(&odometry, &truth).unwrap();
         assert_eq!((report.all.relations, report.all.matched), (relations, relations), "{name}");
         assert_eq!(report.short.relations + report.long.relations, relations, "{name}");
         let (translation, rotation) = (report.all.translation_m.unwrap(), report.all.rotation_deg.unwrap());

@@ -1,7 +1,7 @@
 //! Results are written whole or not at all, and are read again as they were written.
 
 use floorprint::map::{Occupancy, Raster};
-use floorprint_io::{RunFolder, read_floor, read_map, write_file, write_floor, write_map};
+use floorprint_io::{Contents, RunFolder, read_floor, read_map, write_file, write_floor, write_map};
 use std::fs;
 use std::path::Path;
 
@@ -34,24 +34,28 @@ fn maps_and_floors_are_read_as_written() {
     assert_eq!(names(folder.path()), ["map.pgm", "map.yaml", "texture.json", "texture.png"]);
 }
 
+/// A report of a run as far as it is looked at before the run is replaced.
+const REPORT: &[u8] = br#"{"version": "1"}"#;
+
 #[test]
 fn a_run_appears_when_it_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().join("runs/first");
-    let run = RunFolder::create(&target, false).unwrap();
-    write_file(&run.path().join("report.json"), b"1").unwrap();
+    let run = RunFolder::create(&target, Contents::Run, false).unwrap();
+    write_file(&run.path().join("report.json"), REPORT).unwrap();
     assert!(!target.exists());
     run.finish().unwrap();
     assert_eq!(names(&folder.path().join("runs")), ["first"]);
     assert_eq!(names(&target), ["report.json"]);
 
-    assert!(RunFolder::create(&target, false).unwrap_err().problem().advice.contains("--force"));
-    let abandoned = RunFolder::create(&target, true).unwrap();
+    let advice = RunFolder::create(&target, Contents::Run, false).unwrap_err().problem().advice.clone();
+    assert!(advice.contains("--force"), "{advice}");
+    let abandoned = RunFolder::create(&target, Contents::Run, true).unwrap();
     write_file(&abandoned.path().join("report.json"), b"2").unwrap();
     drop(abandoned);
-    assert_eq!(fs::read(target.join("report.json")).unwrap(), b"1");
+    assert_eq!(fs::read(target.join("report.json")).unwrap(), REPORT);
 
-    let second = RunFolder::create(&target, true).unwrap();
+    let second = RunFolder::create(&target, Contents::Run, true).unwrap();
     write_file(&second.path().join("map.png"), b"3").unwrap();
     second.finish().unwrap();
     assert_eq!(names(&folder.path().join("runs")), ["first"]);
@@ -63,10 +67,82 @@ fn only_results_are_ever_replaced() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("precious.txt"), "mine").unwrap();
     for replace in [false, true] {
-        assert!(RunFolder::create(folder.path(), replace).is_err());
-        assert!(RunFolder::create(&folder.path().join("precious.txt"), replace).is_err());
+        assert!(RunFolder::create(folder.path(), Contents::Run, replace).is_err());
+        assert!(RunFolder::create(&folder.path().join("precious.txt"), Contents::Run, replace).is_err());
     }
-    assert!(RunFolder::create(&folder.path().join("precious.txt/run"), true).is_err());
-    assert!(RunFolder::create(Path::new("/"), true).is_err());
+    let error = RunFolder::create(&folder.path().join("precious.txt/run"), Contents::Run, true).unwrap_err();
+    assert!(error.problem().advice.contains("another"), "{error}");
+    assert!(RunFolder::create(Path::new("/"), Contents::Run, true).is_err());
     assert_eq!(names(folder.path()), ["precious.txt"]);
+}
+
+#[test]
+fn a_run_with_other_files_in_it_is_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("run");
+    fs::create_dir_all(target.join("snapshots")).unwrap();
+    for name in ["graph.g2o", "snapshots/0012.png", "snapshots/animation.png"] {
+        fs::write(target.join(name), "").unwrap();
+    }
+    // A report of something else.
+    fs::write(target.join("report.json"), "{}").unwrap();
+    assert!(RunFolder::create(&target, Contents::Run, true).is_err());
+    fs::write(target.join("report.json"), REPORT).unwrap();
+    assert!(RunFolder::create(&target, Contents::Run, true).is_ok());
+    // What was simulated is no run: it may be the input.
+    fs::write(target.join("simulation.json"), REPORT).unwrap();
+    assert!(RunFolder::create(&target, Contents::Run, true).is_err());
+    fs::remove_file(target.join("simulation.json")).unwrap();
+    for name in ["thesis.doc", "snapshots/best.png", "map2.png"] {
+        fs::write(target.join(name), "mine").unwrap();
+        let error = RunFolder::create(&target, Contents::Run, true).unwrap_err().to_string();
+        assert!(error.contains(name), "{error}");
+        fs::remove_file(target.join(name)).unwrap();
+    }
+}
+
+#[test]
+fn what_a_killed_process_left_is_swept_and_what_a_living_one_fills_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("run");
+    let of_others = [".run.unfinished-1", ".run.unfinished-mine", ".runs.unfinished-1", ".run.replaced-1"];
+    for name in of_others {
+        fs::create_dir(folder.path().join(name)).unwrap();
+        fs::write(folder.path().join(name).join("map.png"), "").unwrap();
+    }
+    let lived = fs::File::open(folder.path().join(of_others[0])).unwrap();
+    lived.lock().unwrap();
+    drop(RunFolder::create(&target, Contents::Run, false).unwrap());
+    assert_eq!(names(folder.path()).len(), 4);
+    drop(lived);
+    drop(RunFolder::create(&target, Contents::Run, false).unwrap());
+    assert_eq!(names(folder.path()), [of_others[3], of_others[1], of_others[2]]);
+}
+
+#[test]
+fn an_attempt_leaves_no_folder_behind_that_it_made() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("there")).unwrap();
+    drop(RunFolder::create(&folder.path().join("there/deep/er/run"), Contents::Run, false).unwrap());
+    assert_eq!(names(folder.path()), ["there"]);
+    assert!(names(&folder.path().join("there")).is_empty());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_to_a_run_stays_a_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let (disk, link) = (folder.path().join("disk"), folder.path().join("run"));
+    fs::create_dir(&disk).unwrap();
+    std::os::unix::fs::symlink(&disk, &link).unwrap();
+    for _ in 0..2 {
+        let run = RunFolder::create(&link, Contents::Run, true).unwrap();
+        write_file(&run.path().join("report.json"), REPORT).unwrap();
+        run.finish().unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(names(&disk), ["report.json"]);
+    }
+    assert_eq!(names(folder.path()), ["disk", "run"]);
+    std::os::unix::fs::symlink(folder.path().join("nowhere"), folder.path().join("broken")).unwrap();
+    assert!(RunFolder::create(&folder.path().join("broken"), Contents::Run, true).is_err());
 }

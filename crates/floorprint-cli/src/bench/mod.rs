@@ -13,7 +13,8 @@ pub(crate) use simulated::{Arguments as DriveArguments, execute as execute_drive
 
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
-use crate::outcome::Outcome;
+use crate::number::number;
+use crate::outcome::{BadArguments, Outcome};
 use crate::stopwatch::children_cpu_time_s;
 use crate::terminal::Terminal;
 use anyhow::{Context as _, bail};
@@ -44,14 +45,14 @@ use std::time::{Duration, Instant};
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, ECE276A folders).
-    #[arg(value_name = "DIR", required_unless_present_any = ["world", "growth", "schema"])]
+    #[arg(value_name = "DIR")]
     paths: Vec<PathBuf>,
     /// Simulated world to drive through and compare with its truth. Can be repeated.
     #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(World::names()))]
     world: Vec<String>,
     /// How cost and error grow with the drive: simulated offices of about these lengths in km,
     /// e.g. 0.5,1,2,5,10.
-    #[arg(long, value_name = "KM,…", value_delimiter = ',', value_parser = kilometres)]
+    #[arg(long, value_name = "KM,…", value_delimiter = ',', value_parser = number(0.1, 100.0))]
     growth: Vec<f64>,
     /// Preset to measure. Can be repeated [default: all; of --growth: default].
     #[arg(long, value_name = "NAME", value_parser = |name: &str| name.parse::<Preset>())]
@@ -76,13 +77,6 @@ pub(crate) struct Arguments {
     /// Print the JSON schema of bench.json instead.
     #[arg(long)]
     schema: bool,
-}
-
-fn kilometres(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(length_km) if (0.1..=100.0).contains(&length_km) => Ok(length_km),
-        _ => Err("expected a number of kilometres from 0.1 to 100".to_owned()),
-    }
 }
 
 /// What `bench.json` says.
@@ -225,17 +219,33 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     let mut cases: Vec<Case> = data_sets::find(&arguments.paths)?.into_iter().map(Case::DataSet).collect();
     if cases.is_empty() && !arguments.paths.is_empty() {
-        bail!("no data sets found; expected .clf, .log or .dat files (also .gz), or ECE276A folders");
+        let paths: Vec<String> = arguments.paths.iter().map(|path| path.display().to_string()).collect();
+        bail!("no data sets in {}; expected .clf, .log or .dat files (also .gz), or ECE276A folders", paths.join(", "));
     }
-    cases.extend(arguments.world.iter().cloned().map(Case::World));
-    cases.extend(arguments.growth.iter().map(|&length_km| Case::Office { length_km }));
+    cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
+    cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
+    if cases.is_empty() {
+        let advice = "name data sets or folders that hold some, --world NAME, or --growth KM,…";
+        return Err(BadArguments(format!("there is nothing to measure: {advice}")).into());
+    }
     Ok(cases)
+}
+
+/// Each of the items once, in their order: what was asked for twice is measured once.
+fn distinct<T: PartialEq + Clone>(items: &[T]) -> Vec<T> {
+    let mut distinct = Vec::with_capacity(items.len());
+    for item in items {
+        if !distinct.contains(item) {
+            distinct.push(item.clone());
+        }
+    }
+    distinct
 }
 
 impl Arguments {
     fn presets(&self, case: &Case) -> Vec<Preset> {
         match case {
-            _ if !self.preset.is_empty() => self.preset.clone(),
+            _ if !self.preset.is_empty() => distinct(&self.preset),
             Case::Office { .. } => vec![Preset::default()],
             _ => Preset::ALL.to_vec(),
         }
@@ -269,9 +279,8 @@ impl Arguments {
         let mut command = Command::new(env::current_exe()?);
         let out = self.out.join(format!("{}-{preset}-{seed}", case.name()));
         match case {
-            Case::DataSet(data_set) => {
-                command.arg("run").arg(&data_set.path).args(["--force", "--max-dropped", "1"]);
-                command.arg("--out").arg(&out);
+            Case::DataSet(_) => {
+                command.args(["run", "--force", "--max-dropped", "1", "--out"]).arg(&out);
                 if !self.texture {
                     command.arg("--no-texture");
                 }
@@ -289,6 +298,10 @@ impl Arguments {
         command.args(["--threads", &self.threads.to_string()]);
         for setting in &self.set {
             command.args(["--set", setting]);
+        }
+        if let Case::DataSet(data_set) = case {
+            // Its name may begin as an option does.
+            command.arg("--").arg(&data_set.path);
         }
         let finished = run_to_its_end(&mut command, interrupt)?;
         let Case::DataSet(data_set) = case else { return Ok(serde_json::from_slice(&finished.stdout)?) };

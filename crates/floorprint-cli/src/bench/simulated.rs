@@ -6,6 +6,7 @@
 
 use super::run::{Run, accepted, count_wrong};
 use crate::config::Settings;
+use crate::number::number;
 use crate::outcome::Outcome;
 use crate::report::Loops;
 use crate::stopwatch::{MemoryMark, ScanTimes, fine_cpu_time_s};
@@ -62,13 +63,13 @@ pub(super) struct Lidar {
     #[arg(long, value_name = "N", default_value_t = 1081, value_parser = clap::value_parser!(u32).range(2..=100_000))]
     beams: u32,
     /// Simulated scans a second.
-    #[arg(long, value_name = "HZ", default_value_t = 40.0)]
+    #[arg(long, value_name = "HZ", default_value_t = 40.0, value_parser = number(0.1, 1000.0))]
     rate_hz: f64,
     /// Farthest range of the simulated LiDAR, metres.
-    #[arg(long, value_name = "METRES", default_value_t = 30.0)]
+    #[arg(long, value_name = "METRES", default_value_t = 30.0, value_parser = number(0.1, 1000.0))]
     range_m: f64,
     /// Angle from the first simulated ray to the last, degrees.
-    #[arg(long, value_name = "DEGREES", default_value_t = 270.0)]
+    #[arg(long, value_name = "DEGREES", default_value_t = 270.0, value_parser = number(1.0, 360.0))]
     field_of_view_deg: f64,
     /// Where the simulated LiDAR sits on the robot: x ahead, y left (metres) and yaw (degrees),
     /// e.g. -0.2,0.1,30 [default: 0.13323,0,0].

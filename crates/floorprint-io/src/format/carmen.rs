@@ -23,17 +23,22 @@
 use super::Format;
 use crate::calibration;
 use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
-use crate::error::{Problem, ReadError};
+use crate::error::{Problem, ReadError, quoted};
 use crate::lines::Lines;
 use crate::no_return::no_return_mark_m;
-use crate::number::{Tokens, parse_f64};
+use crate::number::Tokens;
 use crate::source::{FileSource, Source};
 use floorprint::geometry::{Mount, Pose2, wrap_angle};
 use floorprint::sensors::{Record, Scan, ScanGeometry, StampedPose};
 use std::sync::Arc;
 
-pub(super) const FORMAT: Format =
-    Format { name: "carmen", description: "a CARMEN log (FLASER, ROBOTLASER1, ODOM … lines)", recognises, read };
+pub(super) const FORMAT: Format = Format {
+    name: "carmen",
+    description: "a CARMEN log (FLASER, ROBOTLASER1, ODOM … lines)",
+    scans: "FLASER, ROBOTLASER1 or RAWLASER1 lines",
+    recognises,
+    read,
+};
 
 /// Messages by which a log is recognised.
 const MESSAGES: [&[u8]; 8] =
@@ -51,6 +56,9 @@ const OTHER_LASERS: [&[u8]; 9] = [
     b"RAWLASER4",
     b"REMISSIONFLASER",
 ];
+
+/// Values behind the ranges of a FLASER line at the least: two poses and a stamp.
+const FLASER_TAIL: usize = 7;
 
 /// Most rays of a scan that are believed.
 const MOST_RAYS: usize = 1 << 16;
@@ -117,11 +125,16 @@ struct Log {
     odometry: Vec<(usize, StampedPose)>,
     parameters: Parameters,
     dropped: DropCounts,
+    /// How many lines there were.
+    lines: usize,
+    /// What is wrong with the first garbled line, and where it is.
+    first_garbled: Option<(usize, String)>,
 }
 
 impl Log {
     /// Takes one line.
     fn take(&mut self, line: &[u8]) {
+        self.lines += 1;
         let mut tokens = Tokens::new(line);
         let Some(name) = tokens.next() else { return };
         let scan = match name {
@@ -131,7 +144,7 @@ impl Log {
             b"ODOM" => {
                 match parse_odom(&mut tokens) {
                     Some(odometry) => self.odometry.push((self.scans.len(), odometry)),
-                    None => self.dropped.add(DropReason::MalformedLine),
+                    None => self.drop_garbled(line),
                 }
                 return;
             }
@@ -142,15 +155,26 @@ impl Log {
         match scan {
             Some(scan) if scan.ranges_m.is_empty() => self.dropped.add(DropReason::EmptyScan),
             Some(scan) => self.scans.push(scan),
-            None => self.dropped.add(DropReason::MalformedLine),
+            None => self.drop_garbled(line),
         }
+    }
+
+    /// Drops a line that breaks off or does not hold what its message holds.
+    fn drop_garbled(&mut self, line: &[u8]) {
+        self.dropped.add(DropReason::MalformedLine);
+        self.first_garbled.get_or_insert_with(|| (self.lines, complaint(line)));
     }
 
     fn finish(self, file: &FileSource) -> Result<DataSet, ReadError> {
         if self.scans.is_empty() && self.odometry.is_empty() {
-            return Err(Problem::new(&file.path, "no line with a scan or with odometry")
-                .expected("FLASER, ROBOTLASER1, RAWLASER1 or ODOM lines")
-                .into());
+            let found = match &self.first_garbled {
+                Some((line, complaint)) => {
+                    let lines = self.dropped.count(DropReason::MalformedLine);
+                    format!("lines with scans or odometry: {lines}, none of them whole; line {line} {complaint}")
+                }
+                None => "no line with a scan or with odometry".to_owned(),
+            };
+            return Err(Problem::new(&file.path, found).expected(format!("{}, or ODOM lines", FORMAT.scans)).into());
         }
         let mut notes = Vec::new();
         if self.dropped.count(DropReason::OtherLaser) > 0 {
@@ -165,16 +189,17 @@ impl Log {
         let stamps_s: Vec<f64> = self.scans.iter().filter(is_used).map(|scan| scan.stamp_s).collect();
         let jumps = stamps_s.windows(2).filter(|pair| backwards(pair)).count();
         if jumps > 0 {
-            notes.push(format!("{jumps} stamps of scans run backwards; the order of the file is kept"));
+            notes.push(format!("stamps of scans that run backwards: {jumps}; the order of the file is kept"));
         }
         let mut robot = calibration::carmen();
         robot.lidar.mount = mount(self.scans.iter().filter(is_used)).unwrap_or(self.parameters.mount);
         let mark_m =
             no_return_mark_m(|| self.scans.iter().filter(is_used).flat_map(|scan| scan.ranges_m.iter().copied()));
-        match mark_m {
-            Some(mark_m) => notes.push(format!("readings of {mark_m} m and more mean that nothing came back")),
-            None => notes.push("no reading stands out as the mark for \"nothing came back\"".to_owned()),
-        }
+        notes.push(match mark_m {
+            _ if self.scans.is_empty() => format!("no {}: there are no scans, so no map can be made", FORMAT.scans),
+            Some(mark_m) => format!("readings of {mark_m} m and more mean that nothing came back"),
+            None => "no reading stands out as the mark for \"nothing came back\"".to_owned(),
+        });
         let mut geometries = Geometries { parameters: &self.parameters, mark_m, known: Vec::new() };
         let mut records = Vec::with_capacity(self.scans.len() + self.odometry.len());
         let mut odometry = self.odometry.into_iter().peekable();
@@ -215,6 +240,19 @@ impl Log {
     }
 }
 
+/// What is wrong with a garbled line, as far as it is easily told.
+fn complaint(line: &[u8]) -> String {
+    let tokens = &mut Tokens::new(line);
+    let announced = tokens.next().filter(|&name| name == b"FLASER").and_then(|_| tokens.count());
+    let values = Iterator::count(tokens);
+    match announced {
+        Some(announced) if values < announced.saturating_add(FLASER_TAIL) => {
+            format!("announces {announced} ranges, but {values} values follow, poses and stamp included")
+        }
+        _ => format!("is {}", quoted(line)),
+    }
+}
+
 fn parse_flaser(tokens: &mut Tokens) -> Option<LoggedScan> {
     let ranges_m = parse_ranges(tokens)?;
     Some(LoggedScan {
@@ -222,7 +260,7 @@ fn parse_flaser(tokens: &mut Tokens) -> Option<LoggedScan> {
         layout: Layout { count: ranges_m.len(), angles_rad: None, range_max_m: f32::INFINITY },
         ranges_m,
         poses: Some([parse_pose(tokens)?, parse_pose(tokens)?]),
-        stamp_s: tokens.finite()?,
+        stamp_s: tokens.stamp()?,
     })
 }
 
@@ -254,7 +292,7 @@ fn parse_laser(tokens: &mut Tokens, message: ScanMessage) -> Option<LoggedScan> 
         },
         ranges_m,
         poses,
-        stamp_s: parse_f64(stamp).filter(|stamp_s| stamp_s.is_finite())?,
+        stamp_s: Tokens::new(stamp).stamp()?,
     })
 }
 
@@ -276,7 +314,7 @@ fn parse_pose(tokens: &mut Tokens) -> Option<Pose2> {
 fn parse_odom(tokens: &mut Tokens) -> Option<StampedPose> {
     let pose = parse_pose(tokens)?;
     let _velocities_and_acceleration = tokens.triple()?;
-    Some(StampedPose { stamp_s: tokens.finite()?, pose })
+    Some(StampedPose { stamp_s: tokens.stamp()?, pose })
 }
 
 /// What `PARAM` lines say of the front laser.
@@ -521,7 +559,7 @@ mod tests {
         assert!(log.scans().all(|scan| scan.geometry.len() == scan.ranges_m.len()));
         let counts: Vec<_> = log.dropped.iter().collect();
         assert_eq!(counts, [(DropReason::MalformedLine, 2), (DropReason::EmptyScan, 1), (DropReason::OtherLaser, 1)]);
-        assert!(log.notes.iter().any(|note| note.starts_with("1 stamps")));
+        assert!(log.notes.iter().any(|note| note.ends_with("backwards: 1; the order of the file is kept")));
     }
 
     #[test]
@@ -544,7 +582,26 @@ mod tests {
     #[test]
     fn a_log_without_anything_to_use_is_an_error() {
         assert!(read_text_error("# CARMEN Logfile\nPARAM a b\nSYNC x\n").contains("FLASER"));
-        assert!(read_text_error("FLASER 100000000000 1 2\n").contains("no line with a scan"));
+        let cut_off = read_text_error("# CARMEN Logfile\nFLASER 100000000000 1 2\nFLASER x\n");
+        assert!(cut_off.contains("odometry: 2,") && cut_off.contains("line 2 announces 100000000000"), "{cut_off}");
+        assert!(cut_off.contains("but 2 values follow"), "{cut_off}");
+        let no_time = flaser(&[2.0; 500], "0 0 0", "0 0 0", 1e308);
+        let message = read_text_error(&no_time);
+        assert!(message.contains("line 1 is \"FLASER 500 2.00") && message.len() < 300, "{message}");
+    }
+
+    #[test]
+    fn a_log_of_odometry_alone_says_that_there_are_no_scans() {
+        let log = read_text("ODOM 1.0 0.0 0.0 0.1 0.0 0.0 1.0 host 0.1\n");
+        assert_eq!(log.notes, ["no FLASER, ROBOTLASER1 or RAWLASER1 lines: there are no scans, so no map can be made"]);
+    }
+
+    #[test]
+    fn a_gzipped_nothing_is_empty() {
+        for nothing in [vec![], gzip(b"")] {
+            let error = read_bytes(nothing).unwrap_err();
+            assert!(error.to_string().contains("empty"), "{error}");
+        }
     }
 
     fn read_text_error(text: &str) -> String {

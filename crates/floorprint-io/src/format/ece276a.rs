@@ -20,6 +20,7 @@ use std::sync::Arc;
 pub(super) const FORMAT: Format = Format {
     name: "ece276a",
     description: "a folder with EncodersN.npz, HokuyoN.npz, ImuN.npz, KinectN.npz",
+    scans: "a HokuyoN.npz",
     recognises,
     read,
 };

@@ -20,6 +20,7 @@ use std::sync::Arc;
 pub(super) const FORMAT: Format = Format {
     name: "encoder_log",
     description: "an encoder log (lines of time, counts and 682 ranges)",
+    scans: "lines with 682 ranges",
     recognises,
     read,
 };

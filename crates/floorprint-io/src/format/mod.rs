@@ -18,6 +18,8 @@ pub struct Format {
     pub name: &'static str,
     /// What it is, in a few words.
     pub description: &'static str,
+    /// Where its scans are.
+    pub scans: &'static str,
     recognises: fn(&Source) -> bool,
     read: fn(&Source, &OpenOptions) -> Result<DataSet, ReadError>,
 }

@@ -12,7 +12,7 @@ pub enum Preset {
     Default,
     /// The fewest computations that still give a good map.
     Fast,
-    /// The best poses that the data allow, at a few times the cost.
+    /// The best poses that the data allow, at about twice the cost.
     Accurate,
     /// The report to the letter.
     Seed,

@@ -38,6 +38,19 @@ pub enum EvaluationError {
         /// First and last stamp of the truth, as text.
         truth_span: String,
     },
+    /// A trajectory and relations share no pair of moments.
+    #[error(
+        "none of the {relations} relations has a pose at both of its times: the trajectory spans \
+         {trajectory_span}, the relations {relation_span}; check that both are of the same log and keep its stamps"
+    )]
+    NoCommonRelation {
+        /// Relations.
+        relations: usize,
+        /// First and last stamp of the trajectory, as text.
+        trajectory_span: String,
+        /// First and last stamp of the relations, as text.
+        relation_span: String,
+    },
     /// A map shows no wall at all.
     #[error("the {map} map has no occupied cell; check its thresholds and whether it is negated")]
     NothingOccupied {

@@ -6,7 +6,8 @@
 //! and the true one. It does not depend on where the map's frame lies, and a fault
 //! at one place is not charged to all that comes after.
 
-use super::{ErrorStatistics, StampIndex};
+use super::stamp_index::describe_span;
+use super::{ErrorStatistics, EvaluationError, StampIndex};
 use crate::geometry::Pose2;
 use crate::sensors::StampedPose;
 use serde::Serialize;
@@ -100,13 +101,22 @@ pub struct RelationGroup {
 
 impl RelationReport {
     /// Evaluates a trajectory against relations; see [`relation_errors`].
-    #[must_use]
-    pub fn new(trajectory: &[StampedPose], relations: &[Relation]) -> Self {
+    ///
+    /// # Errors
+    /// [`EvaluationError::NoCommonRelation`] when the trajectory has both poses of no relation.
+    pub fn new(trajectory: &[StampedPose], relations: &[Relation]) -> Result<Self, EvaluationError> {
         let errors = relation_errors(trajectory, relations);
+        if errors.iter().all(Option::is_none) {
+            return Err(EvaluationError::NoCommonRelation {
+                relations: relations.len(),
+                trajectory_span: StampIndex::new(trajectory).describe_span(),
+                relation_span: describe_span(relations.iter().flat_map(|r| [r.first_stamp_s, r.second_stamp_s])),
+            });
+        }
         let group = |belongs: fn(&Relation) -> bool| {
             RelationGroup::of(relations.iter().zip(&errors).filter(|(r, _)| belongs(r)).map(|(_, e)| *e))
         };
-        Self { all: group(|_| true), short: group(Relation::is_short), long: group(|r| !r.is_short()) }
+        Ok(Self { all: group(|_| true), short: group(Relation::is_short), long: group(|r| !r.is_short()) })
     }
 }
 
@@ -155,13 +165,16 @@ mod tests {
         let mut relations = vec![relation(&drive, 3, 5), relation(&drive, 9, 2), relation(&drive, 0, 90)];
         relations.push(Relation { first_stamp_s: 0.0, ..relations[0] });
         let backwards: Vec<_> = drive.iter().rev().copied().collect();
-        let report = RelationReport::new(&backwards, &relations);
+        let report = RelationReport::new(&backwards, &relations).unwrap();
         assert_eq!((report.all.relations, report.all.matched), (4, 3));
         assert_eq!((report.short.relations, report.short.matched), (2, 2));
         assert_eq!((report.long.relations, report.long.matched), (2, 1));
         assert!(report.all.translation_m.unwrap().max < 1e-9);
         assert!(report.all.rotation_deg.unwrap().max < 1e-9);
-        assert_eq!(RelationReport::new(&[], &relations).all.translation_m, None);
+        assert!(RelationReport::new(&[], &relations).unwrap_err().to_string().contains("spans nothing"));
+        let shifted: Vec<_> = drive.iter().map(|p| StampedPose { stamp_s: p.stamp_s - 1e9, ..*p }).collect();
+        let message = RelationReport::new(&shifted, &relations[..3]).unwrap_err().to_string();
+        assert!(message.contains("0.000 to 49.500 s") && message.contains("1000000000.000 to"), "{message}");
     }
 
     #[test]

@@ -28,6 +28,11 @@ impl StampIndex {
         &self.sorted
     }
 
+    /// First and last stamp, for people.
+    pub(super) fn describe_span(&self) -> String {
+        describe_span(self.sorted.iter().map(|pose| pose.stamp_s))
+    }
+
     /// The pose whose stamp is nearest to `stamp_s`, unless it is more than
     /// `tolerance_s` seconds away. Ties go to the earlier one.
     #[must_use]
@@ -59,6 +64,12 @@ impl StampIndex {
     fn first_at_or_after(&self, stamp_s: f64) -> usize {
         self.sorted.partition_point(|p| p.stamp_s < stamp_s)
     }
+}
+
+/// The first and the last of some stamps in any order, for people.
+pub(super) fn describe_span(stamps_s: impl Iterator<Item = f64>) -> String {
+    let span = stamps_s.map(|stamp_s| (stamp_s, stamp_s)).reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
+    span.map_or("nothing".to_owned(), |(first_s, last_s)| format!("{first_s:.3} to {last_s:.3} s"))
 }
 
 #[cfg(test)]

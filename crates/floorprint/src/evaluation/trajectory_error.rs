@@ -115,8 +115,8 @@ impl TrajectoryError {
         let (Some((translation_m, rotation_deg)), Some(last)) = (summarise(&absolute), pairs.last()) else {
             return Err(EvaluationError::NoCommonTime {
                 estimates: estimate.poses().len(),
-                estimate_span: describe_span(&estimate),
-                truth_span: describe_span(&truth),
+                estimate_span: estimate.describe_span(),
+                truth_span: truth.describe_span(),
             });
         };
         Ok(Self {
@@ -196,13 +196,6 @@ fn summarise(errors: &[PoseError]) -> Option<(ErrorStatistics, ErrorStatistics)>
     let translations: Vec<_> = errors.iter().map(|e| e.translation_m).collect();
     let rotations: Vec<_> = errors.iter().map(|e| e.rotation_deg).collect();
     Some((ErrorStatistics::of(&translations)?, ErrorStatistics::of(&rotations)?))
-}
-
-fn describe_span(index: &StampIndex) -> String {
-    match (index.poses().first(), index.poses().last()) {
-        (Some(first), Some(last)) => format!("{:.3} to {:.3} s", first.stamp_s, last.stamp_s),
-        _ => "nothing".to_owned(),
-    }
 }
 
 #[cfg(test)]

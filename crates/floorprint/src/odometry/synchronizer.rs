@@ -236,7 +236,7 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
             let steep = projection.steep_rays();
             if steep > 0 {
                 self.summary.notes.push(format!(
-                    "{steep} of a scan's {} rays are too steep to see walls and are not used",
+                    "rays of a scan that are too steep to see walls and are not used: {steep} of {}",
                     projection.rays()
                 ));
             }

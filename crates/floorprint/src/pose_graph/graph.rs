@@ -72,6 +72,12 @@ pub enum PoseGraphError {
     },
 }
 
+/// Squares and products of larger numbers might overflow.
+const LARGEST: f64 = 1e30;
+
+/// How far an information matrix may be off by rounding, as a share of its largest entry.
+const ROUNDING: f64 = 1e-9;
+
 /// Nodes with their current estimates, and the factors between them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PoseGraph {
@@ -118,14 +124,15 @@ impl PoseGraph {
         if node >= self.poses.len() {
             return Err(PoseGraphError::UnknownNode { node, nodes: self.poses.len() });
         }
-        let what = if !measurement.is_finite() {
-            "a measurement that is not finite"
-        } else if !information.iter().all(|value| value.is_finite()) {
-            "an information matrix that is not finite"
-        } else if (information - information.transpose()).amax() > 1e-9 * information.amax() {
+        let Pose2 { x, y, theta } = *measurement;
+        let what = if ![x, y, theta].iter().all(|value| value.abs() <= LARGEST) {
+            "a measurement that is not finite or beyond 1e30"
+        } else if !information.iter().all(|value| value.abs() <= LARGEST) {
+            "an information matrix that is not finite or beyond 1e30"
+        } else if (information - information.transpose()).amax() > ROUNDING * information.amax() {
             "an information matrix that is not symmetric"
-        } else if information.diagonal().min() < 0.0 {
-            "an information matrix with a negative diagonal"
+        } else if !is_semidefinite(information) {
+            "an information matrix with a negative eigenvalue"
         } else {
             return Ok(());
         };
@@ -228,6 +235,12 @@ impl PoseGraph {
     }
 }
 
+/// Whether no eigenvalue of a symmetric matrix is negative, up to rounding.
+fn is_semidefinite(matrix: &Matrix3<f64>) -> bool {
+    let largest = matrix.amax();
+    largest == 0.0 || (matrix / largest + Matrix3::identity() * ROUNDING).cholesky().is_some()
+}
+
 pub(super) fn squared_norm(error: &Vector3<f64>, information: &Matrix3<f64>) -> f64 {
     (information * error).dot(error)
 }
@@ -292,6 +305,17 @@ mod tests {
         assert!(graph.add_between(asymmetric).unwrap_err().to_string().contains("not symmetric"));
         let not_finite = BetweenFactor { from_from_to: Pose2 { x: f64::NAN, ..Pose2::IDENTITY }, ..factor(0, 1) };
         assert!(graph.add_between(not_finite).unwrap_err().to_string().contains("not finite"));
+        for indefinite in
+            [[[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [[1.0, 5.0, 0.0], [5.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]
+        {
+            let indefinite = BetweenFactor { information: indefinite.into(), ..factor(0, 1) };
+            assert!(graph.add_between(indefinite).unwrap_err().to_string().contains("negative eigenvalue"));
+        }
+        let huge = BetweenFactor { information: Matrix3::identity() * 1e300, ..factor(0, 1) };
+        assert!(graph.add_between(huge).unwrap_err().to_string().contains("1e30"));
+        // Nothing is known in one direction, and rounding leaves a little less than that.
+        let corridor = Matrix3::from_diagonal(&[1e6, -1e-6, 1e8].into());
+        assert!(graph.clone().add_between(BetweenFactor { information: corridor, ..factor(0, 1) }).is_ok());
         let negative = BetweenFactor { weight: -1.0, ..factor(0, 1) };
         assert!(graph.add_between(negative).unwrap_err().to_string().contains("negative"));
         assert_eq!(graph.add_between(factor(0, 1)), Ok(0));
