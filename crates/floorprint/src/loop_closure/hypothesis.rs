@@ -6,6 +6,7 @@
 //! are Gaussian.
 
 use super::comparison::{Comparison, Doubt, Placement};
+use super::relocation::{Break, carried_elsewhere};
 use super::submap::Submap;
 use super::{LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
@@ -16,15 +17,17 @@ use std::collections::BTreeSet;
 /// A set of decisions about closures.
 #[derive(Debug, Clone)]
 pub struct Hypothesis {
-    graph: PoseGraph,
-    optimizer: Optimizer,
+    pub(super) graph: PoseGraph,
+    pub(super) optimizer: Optimizer,
     /// Logarithm of its weight, not normalised.
     pub log_weight: f64,
-    closures: Vec<Closure>,
+    pub(super) closures: Vec<Closure>,
     /// How many submaps in a row should have been recognised and were not.
-    misses: i32,
+    pub(super) misses: i32,
     /// Submaps that show nothing new and left the graph.
     attached: Vec<Attached>,
+    /// Where the robot may have been carried elsewhere.
+    pub(super) breaks: Vec<Break>,
 }
 
 /// A submap that lies on an older one and was taken out of the graph.
@@ -40,7 +43,7 @@ struct Attached {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Closure {
     /// Number of the factor in the graph; `None` once the submap left it.
-    factor: Option<usize>,
+    pub(super) factor: Option<usize>,
     /// Number of the comparison.
     pub comparison: usize,
     /// Number of its placement.
@@ -53,7 +56,7 @@ const CHAIN_SCALE: f64 = 3.0;
 /// A closure that makes the graph cost this much more than it should is in conflict with something.
 const CONFLICT_COST: f64 = 5.0;
 /// Closures that fit the graph worse than this, squared standard deviations, contradict it.
-const CONFLICT: f64 = 100.0;
+pub(super) const CONFLICT: f64 = 100.0;
 /// Closures are believed up to this, squared standard deviations.
 const CLOSURE_PHI: f64 = 6.0;
 /// Closures that fit better than this change nothing worth a solution of the graph, squared standard deviations.
@@ -68,8 +71,8 @@ const LEVER_SHARE: f64 = 0.3;
 /// … and buildings fold long ways up: over no more than this, metres.
 const LONGEST_LEVER_M: f64 = 60.0;
 /// Placements that put a submap this near to each other agree, metres and radians.
-const AGREEMENT_M: f64 = 0.35;
-const AGREEMENT_RAD: f64 = 0.06;
+pub(super) const AGREEMENT_M: f64 = 0.35;
+pub(super) const AGREEMENT_RAD: f64 = 0.06;
 /// Placements that move a submap less than this against where it was thought to be are no surprise, metres and radians.
 const ROUTINE_M: f64 = 0.25;
 const ROUTINE_RAD: f64 = 0.04;
@@ -112,6 +115,7 @@ impl Hypothesis {
             closures: Vec::new(),
             misses: 0,
             attached: Vec::new(),
+            breaks: Vec::new(),
         }
     }
 
@@ -177,6 +181,10 @@ impl Hypothesis {
             .max_by(|&a, &b| factors[a].information.trace().total_cmp(&factors[b].information.trace()).then(b.cmp(&a)));
         let next = factors.iter().rposition(|factor| factor.from == node && factor.to == node + 1);
         let (Some(best), Some(next)) = (best, next) else { return };
+        // Where the drive was interrupted the way there is not known, or not yet.
+        if self.breaks.iter().any(|interrupted| interrupted.submap == node || interrupted.submap == node + 1) {
+            return;
+        }
         let (closure, chain) = (factors[best].clone(), factors[next].clone());
         let inverse = |information: &Matrix3<f64>| information.try_inverse().unwrap_or_else(Matrix3::identity);
         let covariance = inverse(&closure.information);
@@ -221,13 +229,17 @@ impl Hypothesis {
         let path_m = link.path_m.max(0.1);
         let variance_m2 = config.drift_sigma_m.powi(2) * path_m;
         let variance_rad2 = config.drift_sigma_rad.powi(2) * path_m;
-        let covariance =
+        let mut covariance =
             Matrix3::from_diagonal(&[variance_m2, variance_m2, variance_rad2].into()) + symmetric(&link.covariance);
+        if let Some(interruption) = submap.starts_anew {
+            self.breaks.push(Break::new(to, interruption, information_of(&covariance)));
+            covariance += carried_elsewhere();
+        }
         let _ = self.graph.add_between(BetweenFactor {
             from: before,
             to,
             from_from_to: link.previous_from_submap,
-            information: symmetric(&covariance.try_inverse().unwrap_or_else(Matrix3::identity)),
+            information: information_of(&covariance),
             kernel: RobustKernel::GemanMcClure { scale: CHAIN_SCALE },
             weight: 1.0,
         });
@@ -285,7 +297,8 @@ impl Hypothesis {
             .collect()
     }
 
-    /// What may have happened, given what the comparisons of the newest submap found.
+    /// What may have happened, given what the comparisons of the newest submap found with places that it is tied to
+    /// already.
     ///
     /// `first` is the number of the first of the comparisons.
     #[must_use]
@@ -326,9 +339,14 @@ impl Hypothesis {
         doubts: &[Doubt],
     ) -> Vec<Cluster> {
         let thought = self.poses()[newer].compose(&submaps[newer].middle);
+        let tied = self.tied_to(newer, newer);
         let mut placed: Vec<(&Placement, Pose2, (usize, usize))> = Vec::new();
         for (number, comparison) in comparisons.iter().enumerate() {
             let doubt = doubts[comparison.older];
+            // Where a robot is that was carried elsewhere is a question of its own: see `relocate`.
+            if !tied[comparison.older] {
+                continue;
+            }
             for (index, placement) in comparison.placements.iter().enumerate().filter(|(_, p)| p.fits()) {
                 let world_from_middle =
                     self.poses()[comparison.older].compose(&placement.older_from_newer).compose(&submaps[newer].middle);
@@ -352,7 +370,7 @@ impl Hypothesis {
                 Some(cluster) if cluster.members.iter().any(|&(other, _)| other == member.0) => {}
                 Some(cluster) => cluster.members.push(member),
                 None => {
-                    let surplus = (placement.quality() - CHANCE_QUALITY).min(placement.distinctness).max(0.0);
+                    let surplus = placement.surplus();
                     clusters.push(Cluster { world_from_middle, members: vec![member], surplus, deficit: 0.0 });
                 }
             }
@@ -504,13 +522,34 @@ const SAME_ACCOUNT_RAD: f64 = 0.02;
 impl Cluster {
     /// Log-likelihood ratio of what fits being right against its fitting by chance.
     fn evidence(&self) -> f64 {
-        let witnesses = (self.members.len() - 1).min(MOST_WITNESSES) as f64;
-        EVIDENCE_PER_QUALITY * self.surplus + EVIDENCE_PER_WITNESS * witnesses - EVIDENCE_PER_DEFICIT * self.deficit
+        fit_evidence(self.surplus, self.deficit) + witness_evidence(self.members.len() - 1)
     }
 }
 
+impl Placement {
+    /// By how much it fits better than a wrong place would.
+    pub(super) fn surplus(&self) -> f64 {
+        (self.quality() - CHANCE_QUALITY).min(self.distinctness).max(0.0)
+    }
+}
+
+/// What a fit is worth that is so much better than a wrong one would be, and so much worse than another on the same
+/// older submap; log-likelihood.
+pub(super) fn fit_evidence(surplus: f64, deficit: f64) -> f64 {
+    EVIDENCE_PER_QUALITY * surplus - EVIDENCE_PER_DEFICIT * deficit
+}
+
+/// What further older submaps add that agree; log-likelihood.
+pub(super) fn witness_evidence(witnesses: usize) -> f64 {
+    EVIDENCE_PER_WITNESS * witnesses.min(MOST_WITNESSES) as f64
+}
+
 /// A placement as a factor of a graph.
-fn closure_factor(comparison: &Comparison, placement: &Placement, config: &LoopClosureConfig) -> Option<BetweenFactor> {
+pub(super) fn closure_factor(
+    comparison: &Comparison,
+    placement: &Placement,
+    config: &LoopClosureConfig,
+) -> Option<BetweenFactor> {
     debug_assert_eq!(placement.verdict, Verdict::Accepted);
     let floor = Matrix3::from_diagonal(
         &[config.closure_sigma_m.powi(2), config.closure_sigma_m.powi(2), config.closure_sigma_rad.powi(2)].into(),
@@ -524,6 +563,11 @@ fn closure_factor(comparison: &Comparison, placement: &Placement, config: &LoopC
         kernel: RobustKernel::DynamicCovarianceScaling { phi: CLOSURE_PHI },
         weight: 1.0,
     })
+}
+
+/// The information of a covariance.
+fn information_of(covariance: &Matrix3<f64>) -> Matrix3<f64> {
+    symmetric(&covariance.try_inverse().unwrap_or_else(Matrix3::identity))
 }
 
 fn symmetric(matrix: &Matrix3<f64>) -> Matrix3<f64> {

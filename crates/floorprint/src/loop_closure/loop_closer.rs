@@ -8,7 +8,7 @@
 use super::comparison::{Atlas, Comparison, Doubt};
 use super::hypothesis::Hypothesis;
 use super::submap::{Submap, SubmapBuilder};
-use super::{Anchor, ClosureReport, KeyScan, LoopClosureConfig, Verdict};
+use super::{Anchor, ClosureReport, KeyScan, Kidnapping, LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
@@ -48,6 +48,8 @@ pub struct ClosedLoops {
     pub anchors: Vec<Anchor>,
     /// Every comparison, and what became of it.
     pub closures: Vec<ClosureReport>,
+    /// Where the robot was carried elsewhere.
+    pub kidnappings: Vec<Kidnapping>,
     /// The likeliest account's graph; its nodes are the submaps.
     pub graph: PoseGraph,
 }
@@ -133,46 +135,66 @@ impl LoopCloser {
                 }
             }
         }
+        // Perhaps the robot was not carried at all.
+        if let (Some(_), Some(link), Some(before)) = (submap.starts_anew, &submap.link, newer.checked_sub(1)) {
+            let sigma = |axis: usize| link.covariance[(axis, axis)].sqrt();
+            let doubt = Doubt { sigma_m: sigma(0).max(sigma(1)), sigma_rad: sigma(2) };
+            due.push_front((before, link.previous_from_submap, doubt));
+        }
         Some(Job { newer, first: self.comparisons.len(), due })
     }
 
-    /// The older submaps that may show the same place, nearest first.
+    /// The older submaps that may show the same place: those near where the newer one lies, nearest first, then those
+    /// that it is not tied to, if the robot was carried elsewhere.
     fn candidates(&self, newer: usize, poses: &[Pose2], doubts: &[Doubt]) -> Vec<usize> {
         let place = |index: usize| poses[index].compose(&self.submaps[index].middle);
         let here = place(newer);
-        let is_lost = |older: usize| doubts[older].is_lost();
-        let most = if (0..newer).any(is_lost) { MOST_WHEN_LOST } else { self.config.candidates };
-        let mut near: Vec<(f64, usize)> = (0..newer.saturating_sub(1))
-            .filter(|&older| !self.submaps[older].is_known)
+        let older = || (0..newer).filter(|&older| !self.submaps[older].is_known);
+        let mut near: Vec<(f64, usize)> = older()
+            .filter(|&older| older + 1 < newer && !doubts[older].is_lost())
             .filter_map(|older| {
-                if is_lost(older) {
-                    return Some((0.0, older));
-                }
                 let distance_m = here.between(&place(older)).distance();
                 let reach_m = self.config.candidate_distance_m + doubts[older].sigma_m.min(WIDEST_DOUBT_M);
                 (distance_m < reach_m).then_some((distance_m, older))
             })
             .collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        // A submap is looked for with its neighbours around it: every other one will do.
+        let apart = |chosen: &[usize], older: usize| chosen.iter().all(|other| other.abs_diff(older) > 1);
         let mut chosen: Vec<usize> = Vec::new();
         for (_, older) in near {
-            if chosen.len() < most && chosen.iter().all(|other| other.abs_diff(older) > 1) {
+            if chosen.len() < self.config.candidates && apart(&chosen, older) {
                 chosen.push(older);
             }
         }
+        let mut elsewhere: Vec<usize> = Vec::new();
+        for older in older().filter(|&older| doubts[older].is_lost()).rev() {
+            if apart(&elsewhere, older) {
+                elsewhere.push(older);
+            }
+        }
+        // Of a large map each submap is looked for on another part.
+        if elsewhere.len() > MOST_WHEN_LOST {
+            let from = newer * MOST_WHEN_LOST % elsewhere.len();
+            elsewhere.rotate_left(from);
+            elsewhere.truncate(MOST_WHEN_LOST);
+        }
+        chosen.extend(elsewhere);
         chosen
     }
 
     /// Lets every account draw its conclusions from the comparisons of a submap.
     fn decide(&mut self, job: &Job) {
         let comparisons = &self.comparisons[job.first..];
-        if comparisons.is_empty() {
-            return;
+        let mut hypotheses = std::mem::take(&mut self.hypotheses);
+        if !comparisons.is_empty() {
+            let decide =
+                |account: Hypothesis| account.decide(&self.submaps, job.newer, comparisons, job.first, &self.config);
+            hypotheses = hypotheses.into_iter().flat_map(decide).collect();
         }
-        let mut hypotheses: Vec<Hypothesis> = std::mem::take(&mut self.hypotheses)
-            .into_iter()
-            .flat_map(|hypothesis| hypothesis.decide(&self.submaps, job.newer, comparisons, job.first, &self.config))
-            .collect();
+        for hypothesis in &mut hypotheses {
+            hypothesis.relocate(&self.submaps, job.newer, &self.comparisons, false, &self.config);
+        }
         hypotheses.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
         let least = hypotheses[0].log_weight - GIVEN_UP;
         for hypothesis in hypotheses {
@@ -230,9 +252,19 @@ impl LoopCloser {
     #[must_use]
     pub fn anchors(&self) -> Vec<Anchor> {
         let poses = self.hypotheses[0].all_poses();
-        let anchor =
-            |(submap, &pose): (&Submap, &Pose2)| Anchor { frame: submap.first, pose, starts_anew: submap.starts_anew };
-        self.submaps.iter().zip(&poses).map(anchor).collect()
+        let anchor = |(index, (submap, &pose)): (usize, (&Submap, &Pose2))| Anchor {
+            frame: submap.first,
+            pose,
+            starts_anew: submap.starts_anew.filter(|_| self.hypotheses[0].is_interrupted(index)).map(|at| at.frame),
+        };
+        self.submaps.iter().zip(&poses).enumerate().map(anchor).collect()
+    }
+
+    /// Whether the robot was carried elsewhere and has not been found again yet.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        let is_coming = self.submaps[self.taken..].iter().any(|submap| submap.starts_anew.is_some());
+        is_coming || self.builder.starts_anew() || self.hypotheses[0].is_lost()
     }
 
     /// How many accounts of the drive are held for possible.
@@ -246,8 +278,16 @@ impl LoopCloser {
     pub fn finish(mut self) -> ClosedLoops {
         self.submaps.extend(self.builder.clone().finish());
         while self.work() {}
+        if let Some(newest) = self.taken.checked_sub(1) {
+            self.hypotheses[0].relocate(&self.submaps, newest, &self.comparisons, true, &self.config);
+        }
         self.hypotheses[0].settle();
-        ClosedLoops { anchors: self.anchors(), closures: self.reports(), graph: self.hypotheses[0].graph().clone() }
+        ClosedLoops {
+            anchors: self.anchors(),
+            closures: self.reports(),
+            kidnappings: self.hypotheses[0].kidnappings(&self.submaps, &self.comparisons),
+            graph: self.hypotheses[0].graph().clone(),
+        }
     }
 
     /// What became of every comparison, as the heaviest account has it.
