@@ -5,7 +5,7 @@ use crate::snapshots::Snapshots;
 use crate::stopwatch::ScanTimes;
 use crate::terminal::Terminal;
 use floorprint::geometry::Pose2;
-use floorprint::loop_closure::ClosureReport;
+use floorprint::loop_closure::{ClosureReport, Kidnapping};
 use floorprint::map::OccupancyGrid;
 use floorprint::odometry::{Frames, SynchronisationSummary, Trajectory};
 use floorprint::pose_graph::PoseGraph;
@@ -27,6 +27,8 @@ pub(crate) struct Solution {
     pub(crate) odometry: Vec<StampedPose>,
     /// Every comparison of places that were passed more than once.
     pub(crate) closures: Vec<ClosureReport>,
+    /// Where the robot was carried elsewhere.
+    pub(crate) kidnappings: Vec<Kidnapping>,
     /// The pose graph of the submaps, where loops were closed.
     pub(crate) graph: Option<PoseGraph>,
     /// The occupancy grid.
@@ -129,6 +131,7 @@ pub(crate) fn solve(
         summary: frames.summary().clone(),
         trajectory: result.trajectory,
         closures: result.closures,
+        kidnappings: result.kidnappings,
         graph: result.graph,
         map: result.map,
         steps,
