@@ -2,6 +2,7 @@
 
 mod camera_footprint;
 mod map_quality;
+mod relation_noise;
 mod relations;
 mod stamp_index;
 mod statistics;
@@ -11,6 +12,7 @@ mod wall_sharpness;
 
 pub use camera_footprint::camera_footprint;
 pub use map_quality::{MapQuality, MapQualityOptions};
+pub use relation_noise::{MotionSigma, RelationNoise};
 pub use relations::{PoseError, Relation, RelationGroup, RelationReport, relation_errors};
 pub use stamp_index::StampIndex;
 pub use statistics::ErrorStatistics;

@@ -32,8 +32,14 @@ pub struct Relation {
 }
 
 impl Relation {
-    fn is_short(&self) -> bool {
+    pub(super) fn is_short(&self) -> bool {
         (self.second_stamp_s - self.first_stamp_s).abs() <= SHORT_UP_TO_S
+    }
+
+    /// The same motion as a trajectory has it; `None` where it has no pose at one of the two times.
+    pub(super) fn motion_of(&self, trajectory: &StampIndex) -> Option<Pose2> {
+        let pose_at = |stamp_s| trajectory.nearest(stamp_s, STAMP_TOLERANCE_S).map(|stamped| stamped.pose);
+        Some(pose_at(self.first_stamp_s)?.between(&pose_at(self.second_stamp_s)?))
     }
 }
 
@@ -62,13 +68,9 @@ impl PoseError {
 #[must_use]
 pub fn relation_errors(trajectory: &[StampedPose], relations: &[Relation]) -> Vec<Option<PoseError>> {
     let index = StampIndex::new(trajectory);
-    let pose_at = |stamp_s| index.nearest(stamp_s, STAMP_TOLERANCE_S).map(|p| p.pose);
     relations
         .iter()
-        .map(|relation| {
-            let (first, second) = (pose_at(relation.first_stamp_s)?, pose_at(relation.second_stamp_s)?);
-            Some(PoseError::between(&relation.first_from_second, &first.between(&second)))
-        })
+        .map(|relation| Some(PoseError::between(&relation.first_from_second, &relation.motion_of(&index)?)))
         .collect()
 }
 

@@ -63,8 +63,8 @@ pub struct Placement {
     pub overlap_shares: [f64; 2],
     /// Share of those that lie on surfaces of the other.
     pub inlier_shares: [f64; 2],
-    /// How much more of the newer one fits here than at places a little farther on, from 0 to 1: along a bare corridor
-    /// every place fits.
+    /// How much more of the newer one fits here than at any place a little farther on: along a bare corridor every
+    /// place fits, so that a fit says nothing about where along it the robot is.
     pub distinctness: f64,
     /// What is wrong with it; [`Verdict::Accepted`] where nothing is.
     pub verdict: Verdict,
@@ -154,6 +154,8 @@ impl Atlas {
         if let Some(motion) = submaps.get(index + 1).and_then(motion_to) {
             parts.push((index + 1, motion));
         }
+        // What a neighbour had in view counts no more once it is forgotten what it saw there.
+        parts.retain(|(part, _)| *part == index || !submaps[*part].surfaces.is_empty());
         let mut map = SurfaceMap::new(cell_m);
         for (part, pose) in &parts {
             map.add_scan(pose, &submaps[*part].surfaces);
@@ -308,8 +310,8 @@ impl Placement {
         };
     }
 
-    /// What share of the newer one's surfaces, on average, lies on the older one's when it is moved on
-    /// in the direction in which the fit is the least certain.
+    /// What share of the newer one's surfaces lies on the older one's when it is moved on in the direction in which
+    /// the fit is the least certain, at the best of several distances.
     fn share_farther_on(&self, older: &View, newer: &SurfaceScan, submaps: &[Submap], matcher: &MatcherConfig) -> f64 {
         let eigen = self.covariance.fixed_view::<2, 2>(0, 0).into_owned().symmetric_eigen();
         let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
@@ -317,7 +319,7 @@ impl Placement {
             let moved = Pose2::new(distance_m * direction[0], distance_m * direction[1], 0.0);
             older.agreement(newer, &self.older_from_newer.compose(&moved), submaps, matcher).1
         });
-        shares.iter().sum::<f64>() / shares.len() as f64
+        shares.into_iter().fold(0.0, f64::max)
     }
 }
 

@@ -76,14 +76,14 @@ pub(super) const AGREEMENT_RAD: f64 = 0.06;
 /// Placements that move a submap less than this against where it was thought to be are no surprise, metres and radians.
 const ROUTINE_M: f64 = 0.25;
 const ROUTINE_RAD: f64 = 0.04;
-/// What a fit is worth: log-likelihood per unit of its quality above that of a chance fit, and of places farther on.
+/// What a fit is worth: log-likelihood per unit by which it is better than a fit by chance and than places farther on.
 const EVIDENCE_PER_QUALITY: f64 = 20.0;
 const CHANCE_QUALITY: f64 = 0.8;
 /// What it is worth when another place on the same older submap fits better: the same surfaces are compared.
 const EVIDENCE_PER_DEFICIT: f64 = 60.0;
-/// Each further older submap that agrees adds this to the log-likelihood, up to so many.
-const EVIDENCE_PER_WITNESS: f64 = 0.7;
-const MOST_WITNESSES: usize = 4;
+/// The same of each further older submap that agrees: it shows much of what the first does. Up to so many count.
+pub(super) const EVIDENCE_OF_WITNESS: f64 = 3.5;
+pub(super) const MOST_WITNESSES: usize = 4;
 /// Largest number of accounts that one submap can split an account into.
 const MOST_CHILDREN: usize = 4;
 
@@ -92,8 +92,8 @@ struct Cluster {
     world_from_middle: Pose2,
     /// Numbers of comparisons and placements.
     members: Vec<(usize, usize)>,
-    /// By how much the best of them fits better than a wrong place would.
-    surplus: f64,
+    /// What their fits are worth, as a log-likelihood.
+    support: f64,
     /// How much better other places fit, on average over the members.
     deficit: f64,
 }
@@ -135,6 +135,11 @@ impl Hypothesis {
     #[must_use]
     pub fn closures(&self) -> &[Closure] {
         &self.closures
+    }
+
+    /// Whether a submap left the graph, as it lies on an older one.
+    pub(super) fn is_attached(&self, node: usize) -> bool {
+        self.attached.iter().any(|attached| attached.node == node)
     }
 
     /// Whether a closure still pulls, or is contradicted by the rest of the graph.
@@ -288,6 +293,10 @@ impl Hypothesis {
         reached
             .iter()
             .map(|there| {
+                // Who left the graph cannot be reached; it is not looked for either.
+                if there.variance_m2.is_infinite() {
+                    return Doubt { sigma_m: f64::INFINITY, sigma_rad: f64::INFINITY };
+                }
                 let lever_m = LEVER_SHARE * there.path_m.min(LONGEST_LEVER_M);
                 Doubt {
                     sigma_m: factor * (there.variance_m2 + there.variance_rad2 * lever_m * lever_m).sqrt(),
@@ -365,13 +374,19 @@ impl Hypothesis {
                 let offset = cluster.world_from_middle.between(&world_from_middle);
                 offset.distance() < AGREEMENT_M && offset.theta.abs() < AGREEMENT_RAD
             };
+            let surplus = placement.surplus();
             match clusters.iter_mut().find(agrees) {
                 // Places found by one comparison exclude each other, however near: the better fit came first.
                 Some(cluster) if cluster.members.iter().any(|&(other, _)| other == member.0) => {}
-                Some(cluster) => cluster.members.push(member),
+                Some(cluster) => {
+                    cluster.members.push(member);
+                    if cluster.members.len() <= 1 + MOST_WITNESSES {
+                        cluster.support += EVIDENCE_OF_WITNESS * surplus;
+                    }
+                }
                 None => {
-                    let surplus = placement.surplus();
-                    clusters.push(Cluster { world_from_middle, members: vec![member], surplus, deficit: 0.0 });
+                    let support = EVIDENCE_PER_QUALITY * surplus;
+                    clusters.push(Cluster { world_from_middle, members: vec![member], support, deficit: 0.0 });
                 }
             }
         }
@@ -522,7 +537,7 @@ const SAME_ACCOUNT_RAD: f64 = 0.02;
 impl Cluster {
     /// Log-likelihood ratio of what fits being right against its fitting by chance.
     fn evidence(&self) -> f64 {
-        fit_evidence(self.surplus, self.deficit) + witness_evidence(self.members.len() - 1)
+        self.support - EVIDENCE_PER_DEFICIT * self.deficit
     }
 }
 
@@ -537,11 +552,6 @@ impl Placement {
 /// older submap; log-likelihood.
 pub(super) fn fit_evidence(surplus: f64, deficit: f64) -> f64 {
     EVIDENCE_PER_QUALITY * surplus - EVIDENCE_PER_DEFICIT * deficit
-}
-
-/// What further older submaps add that agree; log-likelihood.
-pub(super) fn witness_evidence(witnesses: usize) -> f64 {
-    EVIDENCE_PER_WITNESS * witnesses.min(MOST_WITNESSES) as f64
 }
 
 /// A placement as a factor of a graph.

@@ -6,7 +6,8 @@
 
 use super::comparison::Comparison;
 use super::hypothesis::{
-    AGREEMENT_M, AGREEMENT_RAD, CONFLICT, Closure, Hypothesis, closure_factor, fit_evidence, witness_evidence,
+    AGREEMENT_M, AGREEMENT_RAD, CONFLICT, Closure, EVIDENCE_OF_WITNESS, Hypothesis, MOST_WITNESSES, closure_factor,
+    fit_evidence,
 };
 use super::submap::Submap;
 use super::{Interruption, LoopClosureConfig, Verdict};
@@ -99,7 +100,8 @@ struct Sighting {
     shift: Pose2,
     /// Where the submap's middle lies as yet.
     middle: Pose2,
-    /// How much speaks for it: log-likelihood.
+    /// By how much it fits better than a wrong place would, and what that is worth: log-likelihood.
+    surplus: f64,
     evidence: f64,
     /// Numbers of the comparison and the placement.
     member: (usize, usize),
@@ -125,14 +127,17 @@ impl Sighting {
         let mut total = 0.0;
         let mut agreeing = sightings.iter().filter(|sighting| sighting.agrees_with(self)).peekable();
         while let Some(first) = agreeing.next() {
-            let (mut best, mut witnesses, mut last) = (first.evidence, 0, first.older);
+            let (mut best, mut witnesses, mut last) = (first, Vec::new(), first.older);
             while let Some(next) = agreeing.next_if(|next| next.newer == first.newer) {
-                best = best.max(next.evidence);
-                witnesses += usize::from(next.older != last);
+                let other = if next.evidence > best.evidence { std::mem::replace(&mut best, next) } else { next };
+                if next.older != last {
+                    witnesses.push(other.surplus);
+                }
                 last = next.older;
             }
-            if best > 0.0 {
-                total += best + witness_evidence(witnesses);
+            let support: f64 = witnesses.iter().take(MOST_WITNESSES).sum();
+            if best.evidence > 0.0 {
+                total += best.evidence + EVIDENCE_OF_WITNESS * support;
             }
         }
         total
@@ -256,7 +261,7 @@ impl Hypothesis {
     /// Where the newest submaps were seen on places that they are not tied to.
     fn sightings(&self, submaps: &[Submap], newer: usize, comparisons: &[Comparison], tied: &[bool]) -> Vec<Sighting> {
         let recent = comparisons.iter().enumerate().rev().take_while(|(_, c)| c.newer + SUBMAPS_ASKED > newer);
-        let open = recent.filter(|(_, c)| tied[c.newer] && !tied[c.older]);
+        let open = recent.filter(|(_, c)| tied[c.newer] && !tied[c.older] && !self.is_attached(c.older));
         open.flat_map(|(number, comparison)| {
             let pose = self.poses()[comparison.newer];
             let best = comparison.placements[0].quality();
@@ -266,6 +271,7 @@ impl Hypothesis {
                 older: comparison.older,
                 shift: self.poses()[comparison.older].compose(&placement.older_from_newer).compose(&pose.inverse()),
                 middle: pose.compose(&submaps[comparison.newer].middle),
+                surplus: placement.surplus(),
                 evidence: fit_evidence(placement.surplus(), best - placement.quality()).max(0.0),
                 member: (number, index),
             })
