@@ -2,12 +2,14 @@
 
 pub(crate) mod chart;
 mod contradiction;
+mod kidnapped;
 mod loops;
 mod page;
 
 pub(crate) use page::{Exhibits, page};
 
 use self::contradiction::Contradiction;
+use self::kidnapped::Kidnapped;
 pub(crate) use self::loops::Loops;
 use crate::solve::Solution;
 use crate::stopwatch::{PhaseTime, ScanCost, Stopwatch, peak_memory_bytes};
@@ -40,6 +42,9 @@ pub(crate) struct Report {
     /// Loop closures; absent when none were looked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) loops: Option<Loops>,
+    /// Where the robot was carried elsewhere; absent when it was not.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) kidnappings: Vec<Kidnapped>,
     /// The map.
     pub(crate) map: MapSummary,
     /// The floor; absent when it was not painted.
@@ -195,6 +200,7 @@ impl Report {
             drive: Drive::new(solution),
             filter: FilterSummary::new(config, solution),
             loops: config.loop_closure.enabled.then(|| Loops::new(&solution.closures, &solution.trajectory)),
+            kidnappings: Kidnapped::all(&solution.kidnappings, &solution.trajectory),
             map: MapSummary::new(map),
             texture: solution.floor.as_ref().map(|floor| TextureSummary {
                 resolution_m: floor.map.resolution_m,

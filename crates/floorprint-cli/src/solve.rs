@@ -6,7 +6,7 @@ use crate::stopwatch::ScanTimes;
 use crate::terminal::Terminal;
 use anyhow::{anyhow, ensure};
 use floorprint::geometry::Pose2;
-use floorprint::loop_closure::ClosureReport;
+use floorprint::loop_closure::{ClosureReport, Kidnapping};
 use floorprint::map::OccupancyGrid;
 use floorprint::odometry::{Frames, OdometryError, SynchronisationSummary, Trajectory};
 use floorprint::pose_graph::PoseGraph;
@@ -28,6 +28,8 @@ pub(crate) struct Solution {
     pub(crate) odometry: Vec<StampedPose>,
     /// Every comparison of places that were passed more than once.
     pub(crate) closures: Vec<ClosureReport>,
+    /// Where the robot was carried elsewhere.
+    pub(crate) kidnappings: Vec<Kidnapping>,
     /// The pose graph of the submaps, where loops were closed.
     pub(crate) graph: Option<PoseGraph>,
     /// The occupancy grid.
@@ -149,6 +151,7 @@ pub(crate) fn solve(
         summary: frames.summary().clone(),
         trajectory: result.trajectory,
         closures: result.closures,
+        kidnappings: result.kidnappings,
         graph: result.graph,
         map: result.map,
         steps,

@@ -63,6 +63,9 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
     if let Some(loops) = &report.loops {
         line("loops", format!("{} closed, {} rejected", loops.closed, loops.rejected))?;
     }
+    for kidnapped in &report.kidnappings {
+        line("robot", kidnapped.in_words())?;
+    }
     let map = &report.map;
     let quality = errors.map.map_or(String::new(), |quality| {
         format!(", F1 {:.4} (precision {:.4}, recall {:.4})", quality.f1, quality.precision, quality.recall)

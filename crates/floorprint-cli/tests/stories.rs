@@ -228,6 +228,36 @@ fn a_drive_without_camera_or_imu_is_solved_and_that_is_said() {
     assert!(!out.join("texture.png").exists());
 }
 
+/// Once the robot comes by places that it knows, once the drive ends before that.
+#[test]
+fn a_robot_that_was_carried_elsewhere_is_said_to_be_and_where_it_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, faults, is_found) in [
+        ("found", "[[faults]]\nkidnapping = { at_s = 28.0, ahead_m = -8.0 }\n", true),
+        ("lost", "[[faults]]\nkidnapping = { at_s = 40.0, ahead_m = 6.0 }\n", false),
+    ] {
+        let settings = folder.path().join(format!("{name}.toml"));
+        fs::write(&settings, format!("camera.rate_hz = 0.0\n[lidar]\nbeams = 361\nrate_hz = 10.0\n{faults}")).unwrap();
+        let drive = folder.path().join(format!("{name}-drive"));
+        let simulate = ["simulate", "--seed", "1", "--config", settings.to_str().unwrap(), "--out"];
+        let output = floorprint(&[&simulate[..], &[drive.to_str().unwrap()]].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let out = folder.path().join(name);
+        let printed = text(&run(drive.to_str().unwrap(), &out, &[]).stdout);
+        let report = report(&out);
+        let kidnappings = report["kidnappings"].as_array().unwrap();
+        assert_eq!(kidnappings.len(), 1, "{kidnappings:?}");
+        let time_s = kidnappings[0]["time_s"].as_f64().unwrap();
+        let stamp_s = kidnappings[0]["stamp_s"].as_f64().unwrap();
+        let line = printed.lines().find(|line| line.contains("carried elsewhere")).unwrap();
+        assert!(line.contains(&format!("after {time_s:.1} s (stamp {stamp_s:.3} s)")), "{line}");
+        assert_eq!(line.contains("found again") && line.contains("set down at"), is_found, "{line}");
+        assert_eq!(line.contains("not found again"), !is_found, "{line}");
+        assert_eq!(kidnappings[0]["found"].is_object(), is_found, "{kidnappings:?}");
+        assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("Robot carried elsewhere"));
+    }
+}
+
 #[test]
 fn wrong_and_empty_paths_are_explained() {
     let message = failure(&["run", "no/such/drive"], 1);

@@ -4,7 +4,7 @@ use crate::Config;
 use crate::filter::{FilterKind, FilterStep, GrisettiFilter, RaoBlackwellizedFilter, SharedMapFilter};
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::loop_closure::{ClosureLoad, ClosureReport, LoopCloser, corrected_poses, map_of, refine};
+use crate::loop_closure::{ClosureLoad, ClosureReport, Kidnapping, LoopCloser, corrected_poses, map_of, refine};
 use crate::map::OccupancyGrid;
 use crate::pose_graph::PoseGraph;
 use crate::profiler::{Phase, Profiler};
@@ -36,6 +36,9 @@ pub struct StepReport {
     /// The best estimate of the body's pose as of now, world from body: the filter's, put right by
     /// the loops that were closed so far.
     pub pose: Pose2,
+    /// Whether the robot seems to have been carried elsewhere and has not been found again: the pose is then not to
+    /// be relied on.
+    pub is_lost: bool,
     /// What the filter says.
     pub filter: FilterStep,
 }
@@ -71,6 +74,8 @@ pub struct SlamResult {
     pub map: OccupancyGrid,
     /// Every comparison of two places, and what became of it.
     pub closures: Vec<ClosureReport>,
+    /// Where the robot was carried elsewhere, and whether it was found again.
+    pub kidnappings: Vec<Kidnapping>,
     /// The pose graph of the submaps, where loops are closed.
     pub graph: Option<PoseGraph>,
 }
@@ -103,9 +108,9 @@ impl Slam {
         if !scan_is_finite || frame.motion.is_some_and(|motion| !motion.is_finite()) {
             return Err(SlamError::NotFinite { index: frame.index, stamp_s: frame.stamp_s });
         }
-        let (step, correction) = match &mut self.filter {
-            Filter::SharedMap(filter) => (filter.process(frame, profiler), None),
-            Filter::Grisetti2007(filter) => (filter.process(frame, profiler), None),
+        let (step, correction, is_lost) = match &mut self.filter {
+            Filter::SharedMap(filter) => (filter.process(frame, profiler), None, false),
+            Filter::Grisetti2007(filter) => (filter.process(frame, profiler), None, false),
             Filter::RaoBlackwellized(filter, closing) => {
                 let step = filter.process(frame, profiler);
                 let correction = closing.as_mut().map(|closing| {
@@ -117,7 +122,8 @@ impl Slam {
                     closing.closer.work();
                     closing.closer.correction()
                 });
-                (step, correction)
+                let is_lost = closing.as_ref().is_some_and(|closing| closing.closer.is_lost());
+                (step, correction, is_lost)
             }
         };
         Ok(StepReport {
@@ -125,6 +131,7 @@ impl Slam {
             stamp_s: frame.stamp_s,
             dead_reckoning: frame.dead_reckoning,
             pose: correction.map_or(step.pose, |correction| correction.compose(&step.pose)),
+            is_lost,
             filter: step,
         })
     }
@@ -185,7 +192,7 @@ impl Slam {
             _ => {
                 profiler.enter(Phase::Map);
                 let (map, trajectory) = (self.map(frames()), self.trajectory());
-                return SlamResult { map, trajectory, closures: Vec::new(), graph: None };
+                return SlamResult { map, trajectory, closures: Vec::new(), kidnappings: Vec::new(), graph: None };
             }
         };
         profiler.enter(Phase::LoopClosure);
@@ -200,7 +207,13 @@ impl Slam {
         set_poses(&mut trajectory, &poses);
         profiler.enter(Phase::Map);
         let map = OccupancyGrid::along(&trajectory, frames(), &self.config.map);
-        SlamResult { trajectory, map, closures: closed.closures, graph: Some(closed.graph) }
+        SlamResult {
+            trajectory,
+            map,
+            closures: closed.closures,
+            kidnappings: closed.kidnappings,
+            graph: Some(closed.graph),
+        }
     }
 }
 

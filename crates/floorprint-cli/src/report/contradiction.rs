@@ -47,6 +47,7 @@ mod tests {
             stamp_s: 0.5 * index as f64,
             dead_reckoning: Pose2::IDENTITY,
             pose: Pose2::IDENTITY,
+            is_lost: false,
             filter: FilterStep {
                 pose: Pose2::IDENTITY,
                 effective_particles: 1.0,

@@ -50,6 +50,7 @@ pub(crate) fn page(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, p
         tiles(report),
         map_section(report, exhibits)?,
         floor_section(report, exhibits),
+        kidnappings(report),
         loops_and_contradictions(report),
         charts(report, exhibits.solution),
         errors(report),
@@ -210,6 +211,14 @@ fn floor_section(report: &Report, exhibits: &Exhibits<'_>) -> String {
         summary.images,
         1e3 * summary.resolution_m
     )
+}
+
+fn kidnappings(report: &Report) -> String {
+    if report.kidnappings.is_empty() {
+        return String::new();
+    }
+    let items: String = report.kidnappings.iter().map(|at| format!("<li>{}</li>", escape(&at.in_words()))).collect();
+    format!("<section class=\"card\"><h2>Robot carried elsewhere</h2><ul>{items}</ul></section>\n")
 }
 
 fn loops_and_contradictions(report: &Report) -> String {

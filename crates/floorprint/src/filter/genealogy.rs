@@ -4,6 +4,7 @@
 //! particle descends from any more is freed with its last reference, so memory holds the
 //! surviving past once and the short time since the particles' last common ancestor N times.
 
+use crate::geometry::Pose2;
 use crate::sensors::StampedPose;
 use std::sync::Arc;
 
@@ -26,6 +27,12 @@ impl Trail {
     /// Appends a pose.
     pub fn push(&mut self, pose: StampedPose) {
         self.recent.push(pose);
+    }
+
+    /// Gives the last `count` poses, none of which is shared yet, other values.
+    pub fn correct_last(&mut self, count: usize, poses: impl Iterator<Item = Pose2>) {
+        let first = self.recent.len().saturating_sub(count);
+        self.recent[first..].iter_mut().zip(poses).for_each(|(stamped, pose)| stamped.pose = pose);
     }
 
     /// Makes what was walked so far sharable, so that copies of the trail cost nothing.
@@ -71,7 +78,6 @@ impl Drop for Branch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pose2;
 
     fn stamped(k: usize) -> StampedPose {
         StampedPose { stamp_s: k as f64, pose: Pose2::new(k as f64, 0.0, 0.0) }
@@ -91,6 +97,20 @@ mod tests {
         for count in 0..6 {
             assert_eq!(second.last(count), second.poses()[5 - count.min(5)..]);
         }
+    }
+
+    #[test]
+    fn the_last_poses_can_be_corrected_but_not_what_is_shared() {
+        let mut trail = Trail::default();
+        trail.push(stamped(0));
+        trail.fork();
+        (1..4).for_each(|k| trail.push(stamped(k)));
+        let corrected = Pose2::new(7.0, 0.0, 0.0);
+        trail.correct_last(2, [corrected, corrected].into_iter());
+        let poses: Vec<Pose2> = trail.poses().iter().map(|stamped| stamped.pose).collect();
+        assert_eq!(poses, [stamped(0).pose, stamped(1).pose, corrected, corrected]);
+        trail.correct_last(9, std::iter::repeat(corrected));
+        assert_eq!(trail.poses()[0], stamped(0));
     }
 
     #[test]

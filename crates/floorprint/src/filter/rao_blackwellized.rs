@@ -9,12 +9,12 @@ use super::{FilterConfig, FilterStep};
 use crate::Config;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::loop_closure::KeyScan;
+use crate::loop_closure::{Interruption, KeyScan};
 use crate::map::SurfaceMap;
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
-use crate::scan_matcher::{MatchResult, MatcherConfig, OdometryVerdict, PoseBelief, SurfaceScan, locate};
+use crate::scan_matcher::{MatchResult, MatcherConfig, OdometryVerdict, PoseBelief, SurfaceScan, inlier_share, locate};
 use crate::sensors::StampedPose;
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -40,6 +40,8 @@ struct Particle {
     written: VecDeque<(Pose2, Arc<SurfaceScan>)>,
     /// Path since the oldest scan in the map, metres.
     mapped_m: f64,
+    /// What the odometry says of each step since the last scan that fitted.
+    unconfirmed: Vec<Pose2>,
 }
 
 /// N particles, each with a map of its own.
@@ -64,6 +66,8 @@ pub struct RaoBlackwellizedFilter {
     is_doubtful: bool,
     /// How many scans in a row did not fit the map.
     misfits: usize,
+    /// Share of the last scan that fitted which lay on the map.
+    usual_inlier_share: f64,
     steps: u64,
 }
 
@@ -82,6 +86,7 @@ impl RaoBlackwellizedFilter {
             last_written: None,
             written: VecDeque::new(),
             mapped_m: 0.0,
+            unconfirmed: Vec::new(),
         };
         Self {
             seed: config.seed,
@@ -96,6 +101,7 @@ impl RaoBlackwellizedFilter {
             doubt: Matrix3::zeros(),
             is_doubtful: false,
             misfits: 0,
+            usual_inlier_share: 0.0,
             steps: 0,
         }
     }
@@ -115,7 +121,9 @@ impl RaoBlackwellizedFilter {
         let due = self.misfits == 0
             && !scan.is_empty()
             && self.particles.iter().any(|particle| particle.is_due(&self.matcher));
-        if due {
+        // What does not fit was matched to a map that does not show it.
+        let fits = self.misfits == 0 && starts_anew.is_none();
+        if due && fits {
             self.draw_and_weigh(&matches, &scan);
         }
         profiler.enter(Phase::Resample);
@@ -125,9 +133,10 @@ impl RaoBlackwellizedFilter {
         let resampled = due && effective_particles < self.config.resample_below * self.particles.len() as f64;
 
         if let Some(fit) = &matches[best] {
-            self.doubt = fit.covariance_after(&self.doubt);
+            self.doubt =
+                if fits { fit.covariance_after(&self.doubt) } else { fit.covariance_without_scan(&self.doubt) };
             self.is_doubtful |= fit.is_doubtful();
-            if let Some(measured) = &frame.motion {
+            if let Some(measured) = frame.motion.as_ref().filter(|_| fits) {
                 let (sigma_m, _) = self.motion.sigmas(measured);
                 self.odometry.learn(measured, &self.particles[best].last_motion, sigma_m, &fit.result.scan_information);
             }
@@ -168,26 +177,47 @@ impl RaoBlackwellizedFilter {
     }
 
     /// Counts scans that do not fit the map anywhere near. They are not written; when they do not cease the
-    /// robot was carried elsewhere, and the maps begin anew: gives the first frame that did not fit. Where
-    /// that is on the old map is for the loop closure to find out; without it there is no beginning anew.
-    fn notice_loss(&mut self, scan: &SurfaceScan, matches: &[Option<Fit>]) -> Option<usize> {
-        let fits = matches[self.best()].is_none_or(|fit| fit.result.inlier_share >= LOST_INLIER_SHARE);
-        if fits || scan.len() < LEAST_POINTS || self.window_m.is_infinite() {
-            self.misfits = 0;
+    /// robot was carried elsewhere, and the maps begin anew. Where that is on the old map is for the loop
+    /// closure to find out; without it there is no beginning anew.
+    fn notice_loss(&mut self, scan: &SurfaceScan, matches: &[Option<Fit>]) -> Option<Interruption> {
+        let fit = matches[self.best()].filter(|_| scan.len() >= LEAST_POINTS && self.window_m.is_finite());
+        let Some(fit) = fit.filter(|fit| !self.is_where_it_seems(scan, &fit.result)) else {
+            if std::mem::take(&mut self.misfits) > 0 {
+                self.particles.iter_mut().for_each(Particle::correct_misfits);
+            }
+            self.usual_inlier_share = fit.map_or(0.0, |fit| fit.result.inlier_share);
+            self.particles.iter_mut().for_each(|particle| particle.unconfirmed.clear());
             return None;
-        }
+        };
         self.misfits += 1;
         if self.misfits < MISFITS_BEFORE_LOSS {
             return None;
         }
-        let first = (self.steps as usize + 1).saturating_sub(self.misfits);
-        self.misfits = 0;
-        for particle in &mut self.particles {
-            particle.map = SurfaceMap::new(self.matcher.cell_m);
-            particle.written.clear();
-            (particle.mapped_m, particle.last_written) = (0.0, None);
+        let frame = (self.steps as usize + 1).saturating_sub(std::mem::take(&mut self.misfits));
+        self.usual_inlier_share = 0.0;
+        self.particles.iter_mut().for_each(|particle| particle.begin_anew(self.matcher.cell_m));
+        Some(Interruption { frame, is_certain: fit.result.inlier_share < LOST_INLIER_SHARE })
+    }
+
+    /// Whether a scan fits the map where it was matched: enough of it lies there and, if that is suddenly less
+    /// than before, it shows about what the last scan in the map shows as far as both had the same in view. In a
+    /// corridor much fits that is somewhere else.
+    fn is_where_it_seems(&self, scan: &SurfaceScan, fit: &MatchResult) -> bool {
+        if fit.inlier_share < LOST_INLIER_SHARE {
+            return false;
         }
-        Some(first)
+        let is_sudden = fit.inlier_share < self.usual_inlier_share - SUDDEN_LOSS;
+        let particle = self.best_particle();
+        let Some((last_pose, last)) = particle.written.back().filter(|_| is_sudden) else { return true };
+        let pose = &fit.belief.pose;
+        let here = scan.in_view_of(pose, last, last_pose);
+        let there = last.in_view_of(last_pose, scan, pose);
+        let mut map = SurfaceMap::new(self.matcher.cell_m);
+        map.add_scan(pose, scan);
+        let conflict = 2.0
+            - inlier_share(&particle.map, &here, pose, &self.matcher)
+            - inlier_share(&map, &there, last_pose, &self.matcher);
+        here.len().min(there.len()) < LEAST_POINTS || conflict < CONFLICT
     }
 
     /// Draws each pose from the Gaussian around its optimum and multiplies each weight by the
@@ -276,6 +306,11 @@ const LOST_INLIER_SHARE: f64 = 0.55;
 /// recorded drives single scans fit by 0.52 at the least.
 const LEAST_POINTS: usize = 30;
 const MISFITS_BEFORE_LOSS: usize = 3;
+/// Nor does one that suddenly lies on the map by this much less, if of what it and the last scan both had in view
+/// this share is missing, summed over both. Where the robot was not carried, people and doors come to less, or come
+/// little by little.
+const SUDDEN_LOSS: f64 = 0.14;
+const CONFLICT: f64 = 0.33;
 
 /// Covariance of a pose in doubt.
 fn blunder() -> Matrix3<f64> {
@@ -300,9 +335,14 @@ impl Fit {
     /// How uncertain the motion since the last written scan is, given how uncertain it was one scan
     /// ago: the odometry adds to it, and what the scan tells takes away.
     fn covariance_after(&self, before: &Matrix3<f64>) -> Matrix3<f64> {
-        let moved = before + self.prior.information.try_inverse().unwrap_or_else(Matrix3::identity);
+        let moved = self.covariance_without_scan(before);
         let information = moved.try_inverse().unwrap_or_else(Matrix3::identity) + self.result.scan_information;
         information.try_inverse().unwrap_or_else(Matrix3::identity)
+    }
+
+    /// The same where the scan says nothing.
+    fn covariance_without_scan(&self, before: &Matrix3<f64>) -> Matrix3<f64> {
+        before + self.prior.information.try_inverse().unwrap_or_else(Matrix3::identity)
     }
 
     /// Whether the optimum may be a wrong one, of which the curvature says nothing: scan and
@@ -344,6 +384,7 @@ impl Particle {
             None => (self.last_motion, motion.information(&self.last_motion) * PREDICTION_TRUST),
         };
         let prior = PoseBelief { pose: self.pose.compose(&step), information };
+        self.unconfirmed.push(step);
         if self.map.is_empty() {
             (self.pose, self.last_motion) = (prior.pose, step);
             return None;
@@ -360,6 +401,41 @@ impl Particle {
             let moved = last.between(&self.pose);
             moved.distance() > matcher.insert_distance_m || moved.theta.abs() > matcher.insert_angle_rad
         })
+    }
+
+    /// Gives the scans that did not fit poses that lead to where the robot is now, as the odometry has it: they may
+    /// have been matched to what they do not show.
+    fn correct_misfits(&mut self) {
+        let mut pose = self.pose;
+        let mut poses: Vec<Pose2> = self
+            .unconfirmed
+            .iter()
+            .rev()
+            .map(|step| {
+                pose = pose.compose(&step.inverse());
+                pose
+            })
+            .collect();
+        // The last of them is that of the scan that fitted before.
+        poses.pop();
+        self.trail.correct_last(poses.len(), poses.into_iter().rev());
+    }
+
+    /// Forgets the map of a robot that was carried elsewhere. The scans since then were matched to a map that does not
+    /// show where they were taken: for their poses the odometry is asked instead.
+    fn begin_anew(&mut self, cell_m: f64) {
+        self.map = SurfaceMap::new(cell_m);
+        self.written.clear();
+        (self.mapped_m, self.last_written) = (0.0, None);
+        let steps = std::mem::take(&mut self.unconfirmed);
+        let Some(mut pose) = self.trail.last(steps.len()).first().map(|last_fit| last_fit.pose) else { return };
+        let mut poses = steps.iter().map(|step| {
+            pose = pose.compose(step);
+            pose
+        });
+        self.trail.correct_last(steps.len() - 1, &mut poses);
+        self.pose = poses.next().unwrap_or(self.pose);
+        self.last_motion = steps[steps.len() - 1];
     }
 
     /// Writes the scan into the map. A map that has grown too long a past is made anew from the younger half of it.

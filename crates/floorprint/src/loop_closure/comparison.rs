@@ -144,11 +144,15 @@ impl Atlas {
             oldest.and_then(|oldest| self.views.remove(&oldest));
         }
         let mut parts = vec![(index, Pose2::IDENTITY)];
-        if let (Some(link), Some(before)) = (&submaps[index].link, index.checked_sub(1)) {
-            parts.push((before, link.previous_from_submap.inverse()));
+        // Where the robot was carried nobody knows how the neighbour lies.
+        let motion_to = |submap: &Submap| {
+            submap.link.filter(|_| submap.starts_anew.is_none()).map(|link| link.previous_from_submap)
+        };
+        if let (Some(motion), Some(before)) = (motion_to(&submaps[index]), index.checked_sub(1)) {
+            parts.push((before, motion.inverse()));
         }
-        if let Some(link) = submaps.get(index + 1).and_then(|after| after.link) {
-            parts.push((index + 1, link.previous_from_submap));
+        if let Some(motion) = submaps.get(index + 1).and_then(motion_to) {
+            parts.push((index + 1, motion));
         }
         // What a neighbour had in view counts no more once it is forgotten what it saw there.
         parts.retain(|(part, _)| *part == index || !submaps[*part].surfaces.is_empty());

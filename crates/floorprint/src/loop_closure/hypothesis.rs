@@ -6,6 +6,7 @@
 //! are Gaussian.
 
 use super::comparison::{Comparison, Doubt, Placement};
+use super::relocation::{Break, carried_elsewhere};
 use super::submap::Submap;
 use super::{LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
@@ -17,19 +18,21 @@ use std::collections::BTreeSet;
 #[derive(Debug, Clone, Default)]
 pub struct Hypothesis {
     /// Its nodes are the submaps in play.
-    graph: PoseGraph,
+    pub(super) graph: PoseGraph,
     /// The submap of each node, ascending.
     in_play: Vec<usize>,
     /// Logarithm of its weight, not normalised.
     pub log_weight: f64,
     /// The closures of submaps in play, in the order of the factors.
-    ties: Vec<Tie>,
+    pub(super) ties: Vec<Tie>,
     /// How many submaps in a row should have been recognised and were not.
-    misses: i32,
+    pub(super) misses: i32,
     /// Submaps that show nothing new and left the graph, ascending.
     attached: Vec<Attached>,
     /// What became of their closures.
     past_closures: Vec<Closure>,
+    /// Where the robot may have been carried elsewhere.
+    pub(super) breaks: Vec<Break>,
 }
 
 /// A submap that lies on an older one and was taken out of the graph.
@@ -44,13 +47,13 @@ struct Attached {
 
 /// A placement that is a factor of the graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Tie {
+pub(super) struct Tie {
     /// Number of the factor.
-    factor: usize,
+    pub(super) factor: usize,
     /// Number of the comparison.
-    comparison: usize,
+    pub(super) comparison: usize,
     /// Number of its placement.
-    placement: usize,
+    pub(super) placement: usize,
 }
 
 /// A placement that is held for true.
@@ -70,7 +73,7 @@ const CHAIN_SCALE: f64 = 3.0;
 /// A closure that makes the graph cost this much more than it should is in conflict with something.
 const CONFLICT_COST: f64 = 5.0;
 /// Closures that fit the graph worse than this, squared standard deviations, contradict it.
-const CONFLICT: f64 = 100.0;
+pub(super) const CONFLICT: f64 = 100.0;
 /// Closures are believed up to this, squared standard deviations.
 const CLOSURE_PHI: f64 = 6.0;
 /// Closures that fit better than this change nothing worth a solution of the graph, squared standard deviations.
@@ -85,8 +88,8 @@ const LEVER_SHARE: f64 = 0.3;
 /// … and buildings fold long ways up: over no more than this, metres.
 const LONGEST_LEVER_M: f64 = 60.0;
 /// Placements that put a submap this near to each other agree, metres and radians.
-const AGREEMENT_M: f64 = 0.35;
-const AGREEMENT_RAD: f64 = 0.06;
+pub(super) const AGREEMENT_M: f64 = 0.35;
+pub(super) const AGREEMENT_RAD: f64 = 0.06;
 /// Placements that move a submap less than this against where it was thought to be are no surprise, metres and radians.
 const ROUTINE_M: f64 = 0.25;
 const ROUTINE_RAD: f64 = 0.04;
@@ -96,8 +99,8 @@ const CHANCE_QUALITY: f64 = 0.8;
 /// What it is worth when another place on the same older submap fits better: the same surfaces are compared.
 const EVIDENCE_PER_DEFICIT: f64 = 60.0;
 /// The same of each further older submap that agrees: it shows much of what the first does. Up to so many count.
-const EVIDENCE_OF_WITNESS: f64 = 3.5;
-const MOST_WITNESSES: usize = 4;
+pub(super) const EVIDENCE_OF_WITNESS: f64 = 3.5;
+pub(super) const MOST_WITNESSES: usize = 4;
 /// Largest number of accounts that one submap can split an account into.
 const MOST_CHILDREN: usize = 4;
 
@@ -137,7 +140,7 @@ impl Hypothesis {
     }
 
     /// The node of a submap in play.
-    fn node_of(&self, submap: usize) -> Option<usize> {
+    pub(super) fn node_of(&self, submap: usize) -> Option<usize> {
         self.in_play.binary_search(&submap).ok()
     }
 
@@ -154,7 +157,7 @@ impl Hypothesis {
 
     /// Those found by a comparison or later ones, the last first.
     pub fn closures_since(&self, comparison: usize) -> impl Iterator<Item = Closure> {
-        let recent = self.ties.iter().rev().take_while(move |tie| tie.comparison >= comparison);
+        let recent = self.ties.iter().rev().filter(move |tie| tie.comparison >= comparison);
         recent.map(|tie| self.closure_of(tie))
     }
 
@@ -173,6 +176,10 @@ impl Hypothesis {
     /// recognised that one before.
     pub fn attach(&mut self, submap: usize, long_ago: usize) {
         let Some(node) = self.node_of(submap) else { return };
+        // Where the drive was interrupted the way there is not known, or not yet.
+        if self.breaks.iter().any(|at| at.submap == submap || at.submap == submap + 1) {
+            return;
+        }
         let factors = self.graph.between_factors();
         let closures = |is_wanted: &dyn Fn(&BetweenFactor) -> bool| {
             let wanted = self.ties.iter().map(|tie| tie.factor).filter(|&factor| is_wanted(&factors[factor]));
@@ -300,8 +307,12 @@ impl Hypothesis {
         let path_m = link.path_m.max(0.1);
         let variance_m2 = config.drift_sigma_m.powi(2) * path_m;
         let variance_rad2 = config.drift_sigma_rad.powi(2) * path_m;
-        let covariance =
+        let mut covariance =
             Matrix3::from_diagonal(&[variance_m2, variance_m2, variance_rad2].into()) + symmetric(&link.covariance);
+        if let (Some(interruption), Some((newest, _))) = (submap.starts_anew, self.newest()) {
+            self.breaks.push(Break::new(newest, interruption, symmetric(&inverse(&covariance))));
+            covariance += carried_elsewhere();
+        }
         let _ = self.graph.add_between(BetweenFactor {
             from: before,
             to,
@@ -368,7 +379,8 @@ impl Hypothesis {
             .collect()
     }
 
-    /// What may have happened, given what the comparisons of the newest submap found.
+    /// What may have happened, given what the comparisons of the newest submap found with places that it is tied to
+    /// already.
     ///
     /// `first` is the number of the first of the comparisons, `doubts` are those of the submaps in play.
     #[must_use]
@@ -402,11 +414,13 @@ impl Hypothesis {
     /// Placements that are within reach, grouped by where they put the newest submap, whose `middle` is given; the
     /// best first.
     fn clusters(&self, middle: &Pose2, comparisons: &[Comparison], first: usize, doubts: &[Doubt]) -> Vec<Cluster> {
-        let Some((_, pose)) = self.newest() else { return Vec::new() };
+        let Some((newest, pose)) = self.newest() else { return Vec::new() };
         let thought = pose.compose(middle);
+        let tied = self.tied_to(newest);
         let mut placed: Vec<(&Placement, Pose2, (usize, usize))> = Vec::new();
         for (number, comparison) in comparisons.iter().enumerate() {
-            let Some(node) = self.node_of(comparison.older) else { continue };
+            // Where a robot is that was carried elsewhere is a question of its own: see `relocate`.
+            let Some(node) = self.node_of(comparison.older).filter(|&node| tied[node]) else { continue };
             let (world_from_older, doubt) = (self.graph.poses()[node], doubts[node]);
             for (index, placement) in comparison.placements.iter().enumerate().filter(|(_, p)| p.fits()) {
                 let world_from_middle = world_from_older.compose(&placement.older_from_newer).compose(middle);
@@ -425,7 +439,7 @@ impl Hypothesis {
                 let offset = cluster.world_from_middle.between(&world_from_middle);
                 offset.distance() < AGREEMENT_M && offset.theta.abs() < AGREEMENT_RAD
             };
-            let surplus = (placement.quality() - CHANCE_QUALITY).min(placement.distinctness).max(0.0);
+            let surplus = placement.surplus();
             match clusters.iter_mut().find(agrees) {
                 // Places found by one comparison exclude each other, however near: the better fit came first.
                 Some(cluster) if cluster.members.iter().any(|&(other, _)| other == member.0) => {}
@@ -578,8 +592,25 @@ impl Cluster {
     }
 }
 
+impl Placement {
+    /// By how much it fits better than a wrong place would.
+    pub(super) fn surplus(&self) -> f64 {
+        (self.quality() - CHANCE_QUALITY).min(self.distinctness).max(0.0)
+    }
+}
+
+/// What a fit is worth that is so much better than a wrong one would be, and so much worse than another on the same
+/// older submap; log-likelihood.
+pub(super) fn fit_evidence(surplus: f64, deficit: f64) -> f64 {
+    EVIDENCE_PER_QUALITY * surplus - EVIDENCE_PER_DEFICIT * deficit
+}
+
 /// A placement as a factor between two nodes: the older, the newer.
-fn closure_factor([from, to]: [usize; 2], placement: &Placement, config: &LoopClosureConfig) -> Option<BetweenFactor> {
+pub(super) fn closure_factor(
+    [from, to]: [usize; 2],
+    placement: &Placement,
+    config: &LoopClosureConfig,
+) -> Option<BetweenFactor> {
     debug_assert_eq!(placement.verdict, Verdict::Accepted);
     let floor = Matrix3::from_diagonal(
         &[config.closure_sigma_m.powi(2), config.closure_sigma_m.powi(2), config.closure_sigma_rad.powi(2)].into(),

@@ -8,7 +8,7 @@
 use super::comparison::{Atlas, Comparison, Doubt};
 use super::hypothesis::Hypothesis;
 use super::submap::{Submap, SubmapBuilder};
-use super::{Anchor, ClosureLoad, ClosureReport, KeyScan, LoopClosureConfig, Verdict};
+use super::{Anchor, ClosureLoad, ClosureReport, KeyScan, Kidnapping, LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
@@ -57,6 +57,8 @@ pub struct ClosedLoops {
     pub anchors: Vec<Anchor>,
     /// Every comparison, and what became of it.
     pub closures: Vec<ClosureReport>,
+    /// Where the robot was carried elsewhere.
+    pub kidnappings: Vec<Kidnapping>,
     /// The likeliest account's graph; its nodes are the submaps.
     pub graph: PoseGraph,
 }
@@ -74,6 +76,18 @@ const NEW_SHARE: f64 = 0.3;
 const KEPT_SUBMAPS: usize = 3;
 /// Doubt widens the circle of candidates by at most this, metres.
 const WIDEST_DOUBT_M: f64 = 8.0;
+
+/// Those of which none lies next to an earlier one along the drive: a submap is looked for with its neighbours around
+/// it, so that every other one will do.
+fn apart(candidates: impl Iterator<Item = Candidate>) -> Vec<Candidate> {
+    let mut chosen: Vec<Candidate> = Vec::new();
+    for candidate in candidates {
+        if chosen.iter().all(|other| other.older.abs_diff(candidate.older) > 1) {
+            chosen.push(candidate);
+        }
+    }
+    chosen
+}
 
 impl LoopCloser {
     /// Nothing seen yet.
@@ -142,59 +156,71 @@ impl LoopCloser {
                 }
             }
         }
+        // Perhaps the robot was not carried at all.
+        if let (Some(_), Some(link), Some(before)) = (submap.starts_anew, &submap.link, newer.checked_sub(1)) {
+            let sigma = |axis: usize| link.covariance[(axis, axis)].sqrt();
+            let doubt = Doubt { sigma_m: sigma(0).max(sigma(1)), sigma_rad: sigma(2) };
+            due.push_front((before, link.previous_from_submap, doubt));
+        }
         Some(Job { newer, first: self.comparisons.len(), doubts, due })
     }
 
-    /// The older submaps that may show the same place as the newest, nearest first.
+    /// The older submaps that may show the same place as the newest: those near where it lies, nearest first, then
+    /// those that it is not tied to, if the robot was carried elsewhere.
     fn candidates(&self, hypothesis: &Hypothesis, doubts: &[Doubt]) -> Vec<Candidate> {
         let Some((newest, pose)) = hypothesis.newest() else { return Vec::new() };
         let here = pose.compose(&self.submaps[newest].middle);
-        let most = if doubts.iter().any(Doubt::is_lost) { MOST_WHEN_LOST } else { self.config.candidates };
-        let mut near: Vec<(f64, Candidate)> = hypothesis
-            .in_play()
-            .zip(doubts)
-            .filter(|&((older, _), _)| older + 1 < newest && !self.submaps[older].is_known)
-            .filter_map(|((older, world_from_older), &doubt)| {
-                let candidate = Candidate { older, world_from_older, doubt };
-                if doubt.is_lost() {
-                    return Some((0.0, candidate));
-                }
-                let there = world_from_older.compose(&self.submaps[older].middle);
-                let distance_m = here.between(&there).distance();
-                let reach_m = self.config.candidate_distance_m + doubt.sigma_m.min(WIDEST_DOUBT_M);
-                (distance_m < reach_m).then_some((distance_m, candidate))
-            })
+        let older = hypothesis.in_play().zip(doubts).filter(|&((older, _), _)| !self.submaps[older].is_known);
+        let older = older.map(|((older, world_from_older), &doubt)| Candidate { older, world_from_older, doubt });
+        let (mut elsewhere, tied): (Vec<_>, Vec<_>) = older.partition(|candidate| candidate.doubt.is_lost());
+        let distance_m = |candidate: &Candidate| {
+            let there = candidate.world_from_older.compose(&self.submaps[candidate.older].middle);
+            here.between(&there).distance()
+        };
+        let reach_m = |doubt: &Doubt| self.config.candidate_distance_m + doubt.sigma_m.min(WIDEST_DOUBT_M);
+        let near = tied.into_iter().filter(|candidate| candidate.older + 1 < newest);
+        let mut near: Vec<_> = near
+            .map(|candidate| (distance_m(&candidate), candidate))
+            .filter(|(distance_m, candidate)| *distance_m < reach_m(&candidate.doubt))
             .collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.older.cmp(&b.1.older)));
-        let mut chosen: Vec<Candidate> = Vec::new();
-        for (_, candidate) in near {
-            if chosen.len() < most && chosen.iter().all(|other| other.older.abs_diff(candidate.older) > 1) {
-                chosen.push(candidate);
-            }
+        let mut chosen = apart(near.into_iter().map(|(_, candidate)| candidate));
+        chosen.truncate(self.config.candidates);
+        elsewhere.reverse();
+        let mut elsewhere = apart(elsewhere.into_iter());
+        // Of a large map each submap is looked for on another part.
+        if elsewhere.len() > MOST_WHEN_LOST {
+            let from = newest * MOST_WHEN_LOST % elsewhere.len();
+            elsewhere.rotate_left(from);
+            elsewhere.truncate(MOST_WHEN_LOST);
         }
+        chosen.extend(elsewhere);
         chosen
     }
 
     /// Lets every account draw its conclusions from the comparisons of a submap.
     fn decide(&mut self, job: &Job) {
         let comparisons = &self.comparisons[job.first..];
+        let mut hypotheses = std::mem::take(&mut self.hypotheses);
         if !comparisons.is_empty() {
-            let hypotheses = std::mem::take(&mut self.hypotheses).into_iter().zip(&job.doubts);
-            let mut hypotheses: Vec<Hypothesis> = hypotheses
-                .flat_map(|(hypothesis, doubts)| {
-                    hypothesis.decide(&self.submaps, doubts, comparisons, job.first, &self.config)
-                })
-                .collect();
-            hypotheses.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
-            let heaviest = hypotheses[0].log_weight;
-            for mut hypothesis in hypotheses {
-                let is_wanted = hypothesis.log_weight > heaviest - GIVEN_UP
-                    && self.hypotheses.len() < self.config.hypotheses
-                    && !self.hypotheses.iter().any(|heavier| heavier.agrees_with(&hypothesis));
-                if is_wanted || self.hypotheses.is_empty() {
-                    hypothesis.log_weight -= heaviest;
-                    self.hypotheses.push(hypothesis);
-                }
+            let with_doubts = hypotheses.into_iter().zip(&job.doubts);
+            let decided = with_doubts.flat_map(|(hypothesis, doubts)| {
+                hypothesis.decide(&self.submaps, doubts, comparisons, job.first, &self.config)
+            });
+            hypotheses = decided.collect();
+        }
+        for hypothesis in &mut hypotheses {
+            hypothesis.relocate(&self.submaps, &self.comparisons, false, &self.config);
+        }
+        hypotheses.sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
+        let heaviest = hypotheses[0].log_weight;
+        for mut hypothesis in hypotheses {
+            let is_wanted = hypothesis.log_weight > heaviest - GIVEN_UP
+                && self.hypotheses.len() < self.config.hypotheses
+                && !self.hypotheses.iter().any(|heavier| heavier.agrees_with(&hypothesis));
+            if is_wanted || self.hypotheses.is_empty() {
+                hypothesis.log_weight -= heaviest;
+                self.hypotheses.push(hypothesis);
             }
         }
         self.note_if_known(job);
@@ -238,9 +264,19 @@ impl LoopCloser {
     #[must_use]
     pub fn anchors(&self) -> Vec<Anchor> {
         let poses = self.hypotheses[0].all_poses();
-        let anchor =
-            |(submap, &pose): (&Submap, &Pose2)| Anchor { frame: submap.first, pose, starts_anew: submap.starts_anew };
-        self.submaps.iter().zip(&poses).map(anchor).collect()
+        let anchor = |(index, (submap, &pose)): (usize, (&Submap, &Pose2))| Anchor {
+            frame: submap.first,
+            pose,
+            starts_anew: submap.starts_anew.filter(|_| self.hypotheses[0].is_interrupted(index)).map(|at| at.frame),
+        };
+        self.submaps.iter().zip(&poses).enumerate().map(anchor).collect()
+    }
+
+    /// Whether the robot was carried elsewhere and has not been found again yet.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        let is_coming = self.submaps[self.taken..].iter().any(|submap| submap.starts_anew.is_some());
+        is_coming || self.builder.starts_anew() || self.hypotheses[0].is_lost()
     }
 
     /// What is worked with now.
@@ -267,8 +303,14 @@ impl LoopCloser {
     pub fn finish(mut self) -> ClosedLoops {
         self.submaps.extend(self.builder.clone().finish());
         while self.work() {}
+        self.hypotheses[0].relocate(&self.submaps, &self.comparisons, true, &self.config);
         self.hypotheses[0].settle();
-        ClosedLoops { anchors: self.anchors(), closures: self.reports(), graph: self.hypotheses[0].whole_graph() }
+        ClosedLoops {
+            anchors: self.anchors(),
+            closures: self.reports(),
+            kidnappings: self.hypotheses[0].kidnappings(&self.submaps, &self.comparisons),
+            graph: self.hypotheses[0].whole_graph(),
+        }
     }
 
     /// What became of every comparison, as the heaviest account has it.

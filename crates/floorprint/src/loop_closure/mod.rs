@@ -5,6 +5,7 @@ mod config;
 mod hypothesis;
 mod loop_closer;
 mod refinement;
+mod relocation;
 mod report;
 mod submap;
 #[cfg(test)]
@@ -15,6 +16,7 @@ pub use config::LoopClosureConfig;
 pub use hypothesis::{Closure, Hypothesis};
 pub use loop_closer::{ClosedLoops, LoopCloser};
 pub use refinement::{map_of, refine};
+pub use relocation::{Found, Kidnapping};
 pub use report::{ClosureLoad, ClosureReport, Verdict};
 pub use submap::{Link, Submap, SubmapBuilder};
 
@@ -35,9 +37,17 @@ pub struct KeyScan {
     pub covariance: Matrix3<f64>,
     /// Its points, in the body's frame.
     pub scan: Arc<SurfaceScan>,
-    /// Where the robot had been carried elsewhere and the map begins anew with this scan: the first frame
-    /// that did not fit the old map.
-    pub starts_anew: Option<usize>,
+    /// Where scans had ceased to fit, so that the map begins anew with this one.
+    pub starts_anew: Option<Interruption>,
+}
+
+/// Scans that suddenly show something else: the robot was carried elsewhere, or much moved around it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Interruption {
+    /// The first frame that did not fit the map before.
+    pub frame: usize,
+    /// Whether nothing fitted any more. Else the robot may be where it was thought to be.
+    pub is_certain: bool,
 }
 
 /// A frame whose pose is known, from which those around it follow.

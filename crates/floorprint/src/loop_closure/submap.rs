@@ -1,6 +1,6 @@
 //! Submaps: pieces of a drive short enough to be right in themselves (Hess et al. 2016).
 
-use super::KeyScan;
+use super::{Interruption, KeyScan};
 use crate::geometry::Pose2;
 use crate::map::{Horizon, SurfaceMap};
 use crate::scan_matcher::SurfaceScan;
@@ -25,8 +25,8 @@ pub struct Submap {
     pub path_m: f64,
     /// What ties it to the submap before; `None` for the first.
     pub link: Option<Link>,
-    /// Where the robot was carried here from elsewhere: the first frame at the new place.
-    pub starts_anew: Option<usize>,
+    /// Where the robot may have been carried here from elsewhere.
+    pub starts_anew: Option<Interruption>,
     /// All surfaces, as if seen from the middle; in the submap's frame.
     pub surfaces: Arc<SurfaceScan>,
     /// A choice of them by which the submap is looked for and fitted.
@@ -79,9 +79,8 @@ impl SubmapBuilder {
         let step_m = self.open.last().map_or(0.0, |last| last.pose.between(&key_scan.pose).distance());
         self.path_m += step_m;
         self.covariance += key_scan.covariance;
-        if key_scan.starts_anew.is_some() {
-            self.covariance += carried_elsewhere();
-        } else if self.open.is_empty() || self.path_m - self.start_m <= self.length_m {
+        let ends = key_scan.starts_anew.is_some() || self.path_m - self.start_m > self.length_m;
+        if self.open.is_empty() || !ends {
             self.open.push(key_scan);
             return None;
         }
@@ -102,6 +101,12 @@ impl SubmapBuilder {
         self.start_m = self.path_m;
         self.open.push(next);
         Some(submap)
+    }
+
+    /// Whether the robot may have been carried elsewhere right before the submap in the making.
+    #[must_use]
+    pub fn starts_anew(&self) -> bool {
+        self.open.first().is_some_and(|first| first.starts_anew.is_some())
     }
 
     /// The last submap, if any key scan is left.
@@ -163,23 +168,12 @@ impl Submap {
 impl KeyScan {
     /// What it had in view, in the frame of a pose.
     fn horizon_from(&self, pose: &Pose2) -> Horizon {
-        let there = pose.between(&self.pose);
-        let ends = self.scan.iter().map(|(point, _)| there.transform_point(point.map(f64::from)));
-        Horizon::new(there.transform_point(self.scan.origin_m), ends)
+        self.scan.horizon(&pose.between(&self.pose))
     }
 }
 
 /// A surface on which rays end is in view although they end a little before it, metres.
 const VIEW_TOLERANCE_M: f32 = 0.2;
-
-/// Covariance of the motion of a robot that was carried, nobody knows where to.
-fn carried_elsewhere() -> Matrix3<f64> {
-    Matrix3::from_diagonal(&[CARRIED_SIGMA_M.powi(2), CARRIED_SIGMA_M.powi(2), CARRIED_SIGMA_RAD.powi(2)].into())
-}
-
-/// Standard deviations of such a motion, metres and radians.
-const CARRIED_SIGMA_M: f64 = 30.0;
-const CARRIED_SIGMA_RAD: f64 = 3.0;
 
 /// A covariance over (x, y, θ) in the world's axes, turned into the axes of a pose.
 pub(super) fn in_frame_of(covariance: &Matrix3<f64>, pose: &Pose2) -> Matrix3<f64> {

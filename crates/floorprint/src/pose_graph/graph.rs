@@ -170,6 +170,14 @@ impl PoseGraph {
         self.between[between_factor].weight = weight;
     }
 
+    /// Sets how certain a relative measurement is.
+    ///
+    /// # Panics
+    /// When there is no such measurement.
+    pub fn set_information(&mut self, between_factor: usize, information: Matrix3<f64>) {
+        self.between[between_factor].information = information;
+    }
+
     /// Sets how a bad fit of a relative measurement is judged.
     ///
     /// # Panics

@@ -46,9 +46,11 @@ pub fn locate(
     let mut predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
     if prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas {
         // A contradiction has to be earned: doors that swing and people who walk along carry the
-        // scan away with them, but no more of it fits there than where the odometry expects it.
+        // scan away with them, but no more of it fits there than where the odometry expects it. Where
+        // the scan contradicts even who holds on to the odometry, that has been shown to be wrong.
         let held = match_scan(map, scan, prior, config);
-        if predicted.inlier_share <= held.inlier_share {
+        let is_held = prior.sigmas_to(&held.belief.pose) <= trusted_sigmas;
+        if is_held && predicted.inlier_share <= held.inlier_share {
             predicted = held;
         }
     }

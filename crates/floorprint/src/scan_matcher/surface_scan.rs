@@ -3,7 +3,7 @@
 use super::MatcherConfig;
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
-use crate::map::Surface;
+use crate::map::{Horizon, Surface};
 
 /// Neighbours within this distance along the scan share a normal, metres.
 const NEIGHBOURHOOD_M: f32 = 0.12;
@@ -129,6 +129,23 @@ impl SurfaceScan {
             result.push([self.x_m[index], self.y_m[index]], [self.normal_x[index], self.normal_y[index]]);
         }
         result
+    }
+
+    /// How far the scan saw, in the frame in which its origin has the pose `frame_from_scan`.
+    #[must_use]
+    pub fn horizon(&self, frame_from_scan: &Pose2) -> Horizon {
+        let ends = self.iter().map(|(point, _)| frame_from_scan.transform_point(point.map(f64::from)));
+        Horizon::new(frame_from_scan.transform_point(self.origin_m), ends)
+    }
+
+    /// The points that another scan had in view; each scan with its pose.
+    #[must_use]
+    pub fn in_view_of(&self, pose: &Pose2, other: &Self, other_pose: &Pose2) -> Self {
+        let horizon = other.horizon(&Pose2::IDENTITY);
+        let other_from_self = other_pose.between(pose);
+        self.filtered(|point| {
+            horizon.reaches(other_from_self.transform_point(point.map(f64::from)).map(|v| v as f32), 0.0)
+        })
     }
 
     /// The points that are wanted, given their places (metres).

@@ -19,6 +19,9 @@ const MISFIT_INLIER_SHARE: f64 = 0.6;
 const WRONG_M: f64 = 0.2;
 const WRONG_RAD: f64 = 0.05;
 
+/// From one scan to the next the robot moves less than this unless it is carried, metres.
+const CARRIED_M: f64 = 0.5;
+
 /// A solved drive.
 pub struct Outcome {
     pub result: SlamResult,
@@ -34,6 +37,19 @@ pub struct Outcome {
     pub misfits_s: Vec<f64>,
     /// Distance from the truth at every scan: seconds since the first scan, metres.
     errors: Vec<(f64, f64)>,
+    /// What was said of each scan when it came.
+    pub live: Vec<Live>,
+}
+
+/// What was said of a scan when it came.
+pub struct Live {
+    /// Seconds since the first scan.
+    pub time_s: f64,
+    /// How far the robot had driven, metres; being carried does not count.
+    pub driven_m: f64,
+    /// Distance of the pose from the true one, metres.
+    pub error_m: f64,
+    pub is_lost: bool,
 }
 
 impl Outcome {
@@ -43,6 +59,23 @@ impl Outcome {
 
     pub fn misfits_within(&self, from_s: f64, to_s: f64) -> usize {
         self.misfits_s.iter().filter(|time_s| (from_s..to_s).contains(*time_s)).count()
+    }
+
+    /// When the robot was found to have been carried elsewhere, seconds since the first scan.
+    pub fn kidnapped_s(&self) -> Vec<f64> {
+        self.result.kidnappings.iter().map(|kidnapping| self.errors[kidnapping.frame].0).collect()
+    }
+
+    /// How far the robot drove after a time until its live pose was right for good, metres; infinite if it never was.
+    pub fn driven_until_right_m(&self, after_s: f64, tolerance_m: f64) -> f64 {
+        let start = self.live.partition_point(|live| live.time_s < after_s);
+        match self.live[start..].iter().rposition(|live| live.error_m > tolerance_m) {
+            None => 0.0,
+            Some(wrong) => self
+                .live
+                .get(start + wrong + 1)
+                .map_or(f64::INFINITY, |right| right.driven_m - self.live[start].driven_m),
+        }
     }
 
     /// The largest error up to a time, metres.
@@ -55,7 +88,7 @@ impl fmt::Display for Outcome {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             out,
-            "RMSE {:.4} m {:.3}°, largest {:.3} m, at the end {:.3} m; {} wrong closures; dead reckoning {:.3} m; rejected at {:.2?} s, misfits at {:.2?} s",
+            "RMSE {:.4} m {:.3}°, largest {:.3} m, at the end {:.3} m; {} wrong closures; dead reckoning {:.3} m; rejected at {:.2?} s, misfits at {:.2?} s, carried at {:.2?} s: {:?}",
             self.error.translation_m.rmse,
             self.error.rotation_deg.rmse,
             self.error.translation_m.max,
@@ -63,7 +96,9 @@ impl fmt::Display for Outcome {
             self.wrong_closures,
             self.dead_reckoning.translation_m.max,
             self.rejected_s,
-            self.misfits_s
+            self.misfits_s,
+            self.kidnapped_s(),
+            self.result.kidnappings
         )
     }
 }
@@ -90,10 +125,17 @@ pub fn solve_as(world: &str, seed: u64, simulation: SimulationConfig, settings: 
     let truth = drive.truth();
 
     let mut slam = Slam::new(&config);
-    let (mut rejected_s, mut misfits_s) = (Vec::new(), Vec::new());
+    let (mut rejected_s, mut misfits_s, mut live) = (Vec::new(), Vec::new(), Vec::<Live>::new());
+    let (mut driven_m, mut before) = (0.0, drive.true_pose(truth[0].stamp_s));
     for frame in frames.iter() {
-        let step = slam.process(&frame, &mut NoProfiler).unwrap().filter;
+        let report = slam.process(&frame, &mut NoProfiler).unwrap();
+        let (step, true_pose) = (report.filter, drive.true_pose(frame.stamp_s));
         let time_s = frame.stamp_s - truth[0].stamp_s;
+        let moved_m = before.between(&true_pose).distance();
+        driven_m += if moved_m < CARRIED_M { moved_m } else { 0.0 };
+        before = true_pose;
+        let error_m = true_pose.between(&report.pose).distance();
+        live.push(Live { time_s, driven_m, error_m, is_lost: report.is_lost });
         if step.odometry_rejected {
             rejected_s.push(time_s);
         }
@@ -124,6 +166,7 @@ pub fn solve_as(world: &str, seed: u64, simulation: SimulationConfig, settings: 
         rejected_s,
         misfits_s,
         errors,
+        live,
         result,
     }
 }
