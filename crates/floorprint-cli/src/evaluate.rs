@@ -8,8 +8,8 @@ use anyhow::{Context as _, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use floorprint::config::{Config, Layer};
 use floorprint::evaluation::{
-    Alignment, ErrorStatistics, MapQuality, MapQualityOptions, RelationReport, Span, TextureError, TextureErrorOptions,
-    TrajectoryError, TrajectoryErrorOptions,
+    Alignment, ErrorStatistics, MapQuality, MapQualityOptions, MotionSigma, RelationNoise, RelationReport, Span,
+    TextureError, TextureErrorOptions, TrajectoryError, TrajectoryErrorOptions,
 };
 use floorprint::map::Raster;
 use floorprint::sensors::StampedPose;
@@ -105,9 +105,23 @@ pub(crate) struct Relations {
     /// The relations: `t1 t2 x y z roll pitch yaw` a line.
     #[arg(long, value_name = "FILE")]
     relations: PathBuf,
+    /// The odometry as a trajectory (a run's odometry.tum): how exact the relations themselves are then follows from
+    /// the three. The trajectory should have been made without it (odometry.source=scan_matching), or what errors the
+    /// two share is charged to the relations.
+    #[arg(long, value_name = "FILE")]
+    odometry: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// The benchmark's figures, with those of the relations' own noise where they are asked for.
+#[derive(Serialize)]
+struct RelationFigures {
+    #[serde(flatten)]
+    report: RelationReport,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    noise: Option<RelationNoise>,
 }
 
 /// Runs `floorprint evaluate`.
@@ -223,10 +237,18 @@ impl Texture {
 
 impl Relations {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
-        let report = RelationReport::new(&read_poses(&self.trajectory)?, &read_relations(&self.relations)?)
+        let (trajectory, relations) = (read_poses(&self.trajectory)?, read_relations(&self.relations)?);
+        let report = RelationReport::new(&trajectory, &relations)
             .with_context(|| cannot_compare(&self.trajectory, &self.relations))?;
+        let noise = match &self.odometry {
+            Some(file) => Some(RelationNoise::new(&trajectory, &read_poses(file)?, &relations).with_context(|| {
+                let (trajectory, odometry) = (self.trajectory.display(), file.display());
+                format!("fewer than two short relations have poses both in {trajectory} and in {odometry}")
+            })?),
+            None => None,
+        };
         if self.json {
-            return print_json(out, &report);
+            return print_json(out, &RelationFigures { report, noise });
         }
         print_heads(out)?;
         for (name, group) in [("all", &report.all), ("short", &report.short), ("long", &report.long)] {
@@ -234,6 +256,14 @@ impl Relations {
             print_statistics(out, &format!("{name}, °"), group.rotation_deg.as_ref())?;
         }
         writeln!(out, "{} of {} relations matched", report.all.matched, report.all.relations)?;
+        if let Some(noise) = noise {
+            let heads = ["forward m", "lateral m", "heading °"].map(|head| format!("{head:>12}")).concat();
+            writeln!(out, "{HEADING}{:<16}{heads}{HEADING:#}", "own noise, σ")?;
+            let rows = [("relations", noise.relation), ("trajectory", noise.trajectory), ("odometry", noise.odometry)];
+            for (name, MotionSigma { forward_m, lateral_m, heading_deg }) in rows {
+                writeln!(out, "{name:<16}{forward_m:>12.4}{lateral_m:>12.4}{heading_deg:>12.3}")?;
+            }
+        }
         Ok(())
     }
 }

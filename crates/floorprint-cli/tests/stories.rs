@@ -336,6 +336,12 @@ fn a_trajectory_that_shares_nothing_with_the_truth_is_no_result() {
     assert!(message.contains("b.tum") && message.contains("a.relations"), "{message}");
     assert!(message.contains("0.000 to 1.000 s") && message.contains("10.000 to 11.000 s"), "{message}");
     assert!(evaluate(&file("c.tum", "# nothing\n"), &relations, 1).contains("c.tum: it holds no pose"));
+    let two = file("b.relations", "10 11 1 0 0 0 0 0\n11 10 -1 0 0 0 0 0\n");
+    let with_odometry = |odometry: &str| {
+        floorprint(&["evaluate", "relations", "--trajectory", &trajectory, "--relations", &two, "--odometry", odometry])
+    };
+    assert!(text(&with_odometry(&trajectory).stdout).contains("own noise"));
+    assert!(text(&with_odometry(&shifted).stderr).contains("fewer than two short relations"));
     assert_eq!(evaluate(&relations, &trajectory, 1).lines().count(), 1);
 }
 
