@@ -5,6 +5,7 @@
 //! of the region that the other had in view, most must be there. Several places apart from each
 //! other may pass: which of them is right is not decided here.
 
+use super::doubt::Doubt;
 use super::submap::{Submap, in_frame_of};
 use super::{LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
@@ -16,26 +17,6 @@ use crate::scan_matcher::{
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-
-/// How uncertain the pose of one submap is as seen from another: standard deviations.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Doubt {
-    /// Of the position, metres.
-    pub sigma_m: f64,
-    /// Of the heading, radians.
-    pub sigma_rad: f64,
-}
-
-impl Doubt {
-    /// Whether nothing is known but that the robot is somewhere on the map.
-    #[must_use]
-    pub fn is_lost(&self) -> bool {
-        self.sigma_m > LOST_M
-    }
-}
-
-/// Who doubts a position by more than this has no idea, metres.
-const LOST_M: f64 = 20.0;
 
 /// A newer submap compared with an older one.
 #[derive(Debug, Clone)]

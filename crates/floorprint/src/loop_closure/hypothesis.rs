@@ -5,14 +5,16 @@
 //! Rao-Blackwellized filter do: the discrete choice is sampled, the poses given the choice
 //! are Gaussian.
 
-use super::comparison::{Comparison, Doubt, Placement};
+use super::comparison::{Comparison, Placement};
+use super::conflict::resolve_conflict;
+use super::doubt::Doubt;
 use super::relocation::{Break, carried_elsewhere};
+use super::retirement::Attached;
 use super::submap::Submap;
 use super::{LoopClosureConfig, Verdict};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::pose_graph::{BetweenFactor, Optimizer, PoseGraph, PriorFactor, RobustKernel};
 use nalgebra::Matrix3;
-use std::collections::BTreeSet;
 
 /// A set of decisions about closures.
 #[derive(Debug, Clone, Default)]
@@ -20,7 +22,7 @@ pub struct Hypothesis {
     /// Its nodes are the submaps in play.
     pub(super) graph: PoseGraph,
     /// The submap of each node, ascending.
-    in_play: Vec<usize>,
+    pub(super) in_play: Vec<usize>,
     /// Logarithm of its weight, not normalised.
     pub log_weight: f64,
     /// The closures of submaps in play, in the order of the factors.
@@ -28,21 +30,11 @@ pub struct Hypothesis {
     /// How many submaps in a row should have been recognised and were not.
     pub(super) misses: i32,
     /// Submaps that show nothing new and left the graph, ascending.
-    attached: Vec<Attached>,
+    pub(super) attached: Vec<Attached>,
     /// What became of their closures.
-    past_closures: Vec<Closure>,
+    pub(super) past_closures: Vec<Closure>,
     /// Where the robot may have been carried elsewhere.
     pub(super) breaks: Vec<Break>,
-}
-
-/// A submap that lies on an older one and was taken out of the graph.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Attached {
-    submap: usize,
-    /// One in play.
-    older: usize,
-    older_from_submap: Pose2,
-    information: Matrix3<f64>,
 }
 
 /// A placement that is a factor of the graph.
@@ -78,15 +70,8 @@ pub(super) const CONFLICT: f64 = 100.0;
 const CLOSURE_PHI: f64 = 6.0;
 /// Closures that fit better than this change nothing worth a solution of the graph, squared standard deviations.
 const SETTLED: f64 = 0.5;
-/// The graph's drift times this is how far off a submap is looked for.
-const DOUBT_FACTOR: f64 = 2.0;
-/// After each submap that was not recognised where it should have been, the doubt grows by this factor.
-const DOUBT_PER_MISS: f64 = 1.5;
+/// Submaps in a row that were not recognised count up to so many.
 const MOST_MISSES: i32 = 6;
-/// A heading error acts over about this share of the way …
-const LEVER_SHARE: f64 = 0.3;
-/// … and buildings fold long ways up: over no more than this, metres.
-const LONGEST_LEVER_M: f64 = 60.0;
 /// Placements that put a submap this near to each other agree, metres and radians.
 pub(super) const AGREEMENT_M: f64 = 0.35;
 pub(super) const AGREEMENT_RAD: f64 = 0.06;
@@ -96,13 +81,24 @@ const ROUTINE_RAD: f64 = 0.04;
 /// What a fit is worth: log-likelihood per unit by which it is better than a fit by chance and than places farther on.
 const EVIDENCE_PER_QUALITY: f64 = 20.0;
 const CHANCE_QUALITY: f64 = 0.8;
-/// What it is worth when another place on the same older submap fits better: the same surfaces are compared.
-const EVIDENCE_PER_DEFICIT: f64 = 60.0;
 /// The same of each further older submap that agrees: it shows much of what the first does. Up to so many count.
 pub(super) const EVIDENCE_OF_WITNESS: f64 = 3.5;
 pub(super) const MOST_WITNESSES: usize = 4;
+/// What it is worth when another place on the same older submap fits better: the same surfaces are compared.
+const EVIDENCE_PER_DEFICIT: f64 = 60.0;
 /// Largest number of accounts that one submap can split an account into.
 const MOST_CHILDREN: usize = 4;
+
+/// An account is sure where a submap lies when it doubts it by less than this, metres …
+const SURE_M: f64 = 0.3;
+/// … and expects to recognise it where the older one had so much of it in view; less of it than the latter is a misfit.
+const SURE_OVERLAP_SHARE: f64 = 0.6;
+const MISFIT_SHARE: f64 = 0.4;
+/// What it counts not to be recognised.
+const MISS_EVIDENCE: f64 = 2.0;
+/// Accounts whose submaps all lie closer than this are one, metres and radians.
+const SAME_ACCOUNT_M: f64 = 0.15;
+const SAME_ACCOUNT_RAD: f64 = 0.02;
 
 /// Placements of one submap that agree where it lies.
 struct Cluster {
@@ -161,129 +157,13 @@ impl Hypothesis {
         recent.map(|tie| self.closure_of(tie))
     }
 
-    fn closure_of(&self, tie: &Tie) -> Closure {
+    pub(super) fn closure_of(&self, tie: &Tie) -> Closure {
         let Tie { factor, comparison, placement } = *tie;
         Closure { comparison, placement, is_in_force: self.is_in_force(factor) }
     }
 
-    fn is_in_force(&self, factor: usize) -> bool {
+    pub(super) fn is_in_force(&self, factor: usize) -> bool {
         self.graph.squared_error(factor) < CONFLICT
-    }
-
-    /// Takes a submap that lies on an older one out of the graph, so that the graph grows with the area that
-    /// was seen and not with time: the next submap is tied to the older one instead. Leaves the graph as it is
-    /// where the account does not hold the submap for recognised on one of the first `long_ago`, or where few
-    /// recognised that one before.
-    pub fn attach(&mut self, submap: usize, long_ago: usize) {
-        let Some(node) = self.node_of(submap) else { return };
-        // Where the drive was interrupted the way there is not known, or not yet.
-        if self.breaks.iter().any(|at| at.submap == submap || at.submap == submap + 1) {
-            return;
-        }
-        let factors = self.graph.between_factors();
-        let closures = |is_wanted: &dyn Fn(&BetweenFactor) -> bool| {
-            let wanted = self.ties.iter().map(|tie| tie.factor).filter(|&factor| is_wanted(&factors[factor]));
-            let in_force = wanted.filter(|&factor| self.is_in_force(factor));
-            in_force.map(|factor| &factors[factor]).collect::<Vec<_>>()
-        };
-        let closure = closures(&|factor| factor.to == node && self.in_play[factor.from] < long_ago)
-            .into_iter()
-            .filter(|closure| {
-                closures(&|factor| factor.from == closure.from && factor.to < node).len() >= ENOUGH_CLOSURES
-            })
-            .max_by(|a, b| a.information.trace().total_cmp(&b.information.trace()));
-        let link = |is_wanted: &dyn Fn(&BetweenFactor) -> bool| {
-            let mut wanted = factors.iter().enumerate().rev().filter(|(_, factor)| is_wanted(factor));
-            wanted.find(|&(number, _)| self.ties.iter().all(|tie| tie.factor != number)).map(|(_, link)| link)
-        };
-        let next = link(&|factor| factor.from == node && factor.to == node + 1);
-        let (Some(closure), Some(next)) = (closure, next) else { return };
-        // Along a bare corridor a closure knows less than the way there.
-        let is_sure = |closure: &BetweenFactor| {
-            let covariance = inverse(&closure.information);
-            covariance[(0, 0)] + covariance[(1, 1)] < 2.0 * ATTACHED_SIGMA_M * ATTACHED_SIGMA_M
-        };
-        let Some(tie) = Some(closure).filter(|closure| is_sure(closure)).or_else(|| link(&|factor| factor.to == node))
-        else {
-            return;
-        };
-        let older_from_submap = self.graph.poses()[tie.from].between(&self.graph.poses()[node]);
-        let adjoint = next.from_from_to.inverse().adjoint();
-        let covariance = adjoint * inverse(&tie.information) * adjoint.transpose() + inverse(&next.information);
-        let older = self.in_play[tie.from];
-        let attached = Attached { submap, older, older_from_submap, information: tie.information };
-        // The next submap's node takes this one's number.
-        let past_it = BetweenFactor {
-            from: tie.from,
-            to: node,
-            from_from_to: older_from_submap.compose(&next.from_from_to),
-            information: symmetric(&inverse(&covariance)),
-            ..next.clone()
-        };
-        // Nor may the way here lose its end where the submap before is not held itself.
-        let is_held = |node: usize| closures(&|factor| factor.to == node).into_iter().any(is_sure);
-        let before = link(&|factor| factor.to == node && factor.from + 1 == node && !is_held(factor.from));
-        let way_here = before.filter(|before| before.from != tie.from).map(|before| {
-            let adjoint = before.from_from_to.adjoint();
-            let covariance = adjoint * (inverse(&tie.information) + inverse(&before.information)) * adjoint.transpose();
-            BetweenFactor {
-                from: tie.from,
-                to: before.from,
-                from_from_to: older_from_submap.compose(&before.from_from_to.inverse()),
-                information: symmetric(&inverse(&covariance)),
-                ..before.clone()
-            }
-        });
-        let is_of_node = |tie: &&Tie| factors[tie.factor].to == node || factors[tie.factor].from == node;
-        let closures: Vec<Closure> = self.ties.iter().filter(is_of_node).map(|tie| self.closure_of(tie)).collect();
-        self.past_closures.extend(closures);
-        self.attached.push(attached);
-        self.in_play.remove(node);
-        let numbers = self.graph.remove_node(node);
-        self.ties.retain_mut(|tie| numbers[tie.factor].map(|number| tie.factor = number).is_some());
-        for bridge in std::iter::once(past_it).chain(way_here) {
-            let _ = self.graph.add_between(bridge);
-        }
-    }
-
-    /// The poses of all submaps, world from submap, also of those that left the graph.
-    #[must_use]
-    pub fn all_poses(&self) -> Vec<Pose2> {
-        let mut poses = vec![Pose2::IDENTITY; self.newest().map_or(0, |(newest, _)| newest + 1)];
-        for (submap, pose) in self.in_play() {
-            poses[submap] = pose;
-        }
-        for attached in &self.attached {
-            poses[attached.submap] = poses[attached.older].compose(&attached.older_from_submap);
-        }
-        poses
-    }
-
-    /// The graph with all submaps as its nodes, also those that left it.
-    #[must_use]
-    pub fn whole_graph(&self) -> PoseGraph {
-        let mut graph = PoseGraph::default();
-        for pose in self.all_poses() {
-            graph.add_node(pose);
-        }
-        for factor in self.graph.prior_factors() {
-            let _ = graph.add_prior(PriorFactor { node: self.in_play[factor.node], ..factor.clone() });
-        }
-        for factor in self.graph.between_factors() {
-            let [from, to] = [factor.from, factor.to].map(|node| self.in_play[node]);
-            let _ = graph.add_between(BetweenFactor { from, to, ..factor.clone() });
-        }
-        for attached in &self.attached {
-            let _ = graph.add_between(BetweenFactor {
-                from: attached.older,
-                to: attached.submap,
-                from_from_to: attached.older_from_submap,
-                information: attached.information,
-                kernel: RobustKernel::Quadratic,
-                weight: 1.0,
-            });
-        }
-        graph
     }
 
     /// Solves the graph to the end.
@@ -321,62 +201,6 @@ impl Hypothesis {
             kernel: RobustKernel::GemanMcClure { scale: CHAIN_SCALE },
             weight: 1.0,
         });
-    }
-
-    /// How uncertain each submap in play is as seen from the newest: along the most certain way
-    /// through the graph, where closures are short cuts (Dijkstra 1959).
-    #[must_use]
-    pub fn doubts(&self) -> Vec<Doubt> {
-        #[derive(Clone, Copy)]
-        struct Reached {
-            variance_m2: f64,
-            variance_rad2: f64,
-            path_m: f64,
-        }
-        let count = self.in_play.len();
-        let mut neighbours = vec![Vec::new(); count];
-        for factor in self.graph.between_factors() {
-            let covariance = inverse(&factor.information);
-            let link = Reached {
-                variance_m2: 0.5 * (covariance[(0, 0)] + covariance[(1, 1)]),
-                variance_rad2: covariance[(2, 2)],
-                path_m: factor.from_from_to.distance(),
-            };
-            neighbours[factor.from].push((factor.to, link));
-            neighbours[factor.to].push((factor.from, link));
-        }
-        let unknown = Reached { variance_m2: f64::INFINITY, variance_rad2: f64::INFINITY, path_m: 0.0 };
-        let mut reached = vec![unknown; count];
-        let mut queue = BTreeSet::new();
-        if let Some(newest) = reached.last_mut() {
-            *newest = Reached { variance_m2: 0.0, variance_rad2: 0.0, path_m: 0.0 };
-            // Positive floats sort like their bits.
-            queue.insert((0_u64, count - 1));
-        }
-        while let Some((_, here)) = queue.pop_first() {
-            for &(next, link) in &neighbours[here] {
-                let there = Reached {
-                    variance_m2: reached[here].variance_m2 + link.variance_m2,
-                    variance_rad2: reached[here].variance_rad2 + link.variance_rad2,
-                    path_m: reached[here].path_m + link.path_m,
-                };
-                if there.variance_m2 < reached[next].variance_m2 {
-                    reached[next] = there;
-                    queue.insert((there.variance_m2.to_bits(), next));
-                }
-            }
-        }
-        let factor = DOUBT_FACTOR * DOUBT_PER_MISS.powi(self.misses);
-        reached
-            .iter()
-            .map(|there| {
-                let lever_m = LEVER_SHARE * there.path_m.min(LONGEST_LEVER_M);
-                Doubt {
-                    sigma_m: factor * (there.variance_m2 + there.variance_rad2 * lever_m * lever_m).sqrt(),
-                    sigma_rad: factor * there.variance_rad2.sqrt(),
-                }
-            })
-            .collect()
     }
 
     /// What may have happened, given what the comparisons of the newest submap found with places that it is tied to
@@ -498,7 +322,7 @@ impl Hypothesis {
             // A graph that cannot be solved keeps its estimates: the chain alone always can.
             let _ = optimizer.optimize(&mut self.graph);
             if self.graph.cost() - well > CONFLICT_COST {
-                self.resolve_conflict(&mut optimizer);
+                resolve_conflict(&mut self.graph, &mut optimizer);
             }
         }
         if self.ties[known..].iter().all(|tie| !self.is_in_force(tie.factor)) {
@@ -530,32 +354,6 @@ impl Hypothesis {
         self
     }
 
-    /// Solves a graph in which some factors must be wrong, closures or links of the chain, without
-    /// knowing which: graduated non-convexity (Yang et al. 2020). At first all factors pull, then
-    /// those that the others contradict lose their say. Factors keep their kernels afterwards.
-    fn resolve_conflict(&mut self, optimizer: &mut Optimizer) {
-        let count = self.graph.between_factors().len();
-        let mut loosened = self.graph.clone();
-        for factor in 0..count {
-            loosened.set_kernel(factor, RobustKernel::Quadratic);
-        }
-        for stage in 0..GRADUATION_STAGES {
-            let scale = (CONFLICT * 4.0_f64.powi(GRADUATION_STAGES - 1 - stage)).sqrt();
-            let kernel = RobustKernel::GemanMcClure { scale };
-            for factor in 0..count {
-                let weight = if stage == 0 { 1.0 } else { kernel.weight(loosened.squared_error(factor)) };
-                loosened.set_weight(factor, weight.max(1e-6));
-            }
-            let _ = optimizer.optimize(&mut loosened);
-        }
-        let mut resolved = self.graph.clone();
-        resolved.poses_mut().copy_from_slice(loosened.poses());
-        let _ = optimizer.optimize(&mut resolved);
-        if resolved.cost() < self.graph.cost() {
-            self.graph = resolved;
-        }
-    }
-
     /// Whether two accounts have come to the same picture of the drive, as far as both hold it in play.
     #[must_use]
     pub fn agrees_with(&self, other: &Self) -> bool {
@@ -567,23 +365,6 @@ impl Hypothesis {
         })
     }
 }
-
-/// Where a submap lies on an older one is known when the standard deviation is less than this, metres.
-const ATTACHED_SIGMA_M: f64 = 0.05;
-/// What so many closures on a submap have said is hardly changed by more of them.
-const ENOUGH_CLOSURES: usize = 3;
-/// Steps from trusting all factors to doubting those that do not fit.
-const GRADUATION_STAGES: i32 = 8;
-/// An account is sure where a submap lies when it doubts it by less than this, metres …
-const SURE_M: f64 = 0.3;
-/// … and expects to recognise it where the older one had so much of it in view; less of it than the latter is a misfit.
-const SURE_OVERLAP_SHARE: f64 = 0.6;
-const MISFIT_SHARE: f64 = 0.4;
-/// What it counts not to be recognised.
-const MISS_EVIDENCE: f64 = 2.0;
-/// Accounts whose submaps all lie closer than this are one, metres and radians.
-const SAME_ACCOUNT_M: f64 = 0.15;
-const SAME_ACCOUNT_RAD: f64 = 0.02;
 
 impl Cluster {
     /// Log-likelihood ratio of what fits being right against its fitting by chance.
@@ -626,10 +407,10 @@ pub(super) fn closure_factor(
     })
 }
 
-fn inverse(matrix: &Matrix3<f64>) -> Matrix3<f64> {
+pub(super) fn inverse(matrix: &Matrix3<f64>) -> Matrix3<f64> {
     matrix.try_inverse().unwrap_or_else(Matrix3::identity)
 }
 
-fn symmetric(matrix: &Matrix3<f64>) -> Matrix3<f64> {
+pub(super) fn symmetric(matrix: &Matrix3<f64>) -> Matrix3<f64> {
     0.5 * (matrix + matrix.transpose())
 }

@@ -5,7 +5,8 @@
 //! Work is done in small bounded pieces, one for each scan, so that it keeps up with a live
 //! robot; what is left is done at the end.
 
-use super::comparison::{Atlas, Comparison, Doubt};
+use super::comparison::{Atlas, Comparison};
+use super::doubt::Doubt;
 use super::hypothesis::Hypothesis;
 use super::submap::{Submap, SubmapBuilder};
 use super::{Anchor, ClosureLoad, ClosureReport, KeyScan, Kidnapping, LoopClosureConfig, Verdict};

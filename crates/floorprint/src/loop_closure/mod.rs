@@ -2,17 +2,21 @@
 
 mod comparison;
 mod config;
+mod conflict;
+mod doubt;
 mod hypothesis;
 mod loop_closer;
 mod refinement;
 mod relocation;
 mod report;
+mod retirement;
 mod submap;
 #[cfg(test)]
 mod tests;
 
-pub use comparison::{Atlas, Comparison, Doubt, Placement};
+pub use comparison::{Atlas, Comparison, Placement};
 pub use config::LoopClosureConfig;
+pub use doubt::Doubt;
 pub use hypothesis::{Closure, Hypothesis};
 pub use loop_closer::{ClosedLoops, LoopCloser};
 pub use refinement::{map_of, refine};

@@ -1,0 +1,202 @@
+//! Submaps that show nothing new leave the graph, so that it grows with the area that was seen and not with time.
+//!
+//! Where such a submap lies on an older one is remembered; those before and after it are tied to the older one instead.
+
+use super::hypothesis::{Closure, Hypothesis, Tie, inverse, symmetric};
+use crate::geometry::Pose2;
+use crate::pose_graph::{BetweenFactor, PoseGraph, PriorFactor, RobustKernel};
+use nalgebra::Matrix3;
+
+/// Where a submap lies on an older one is known when the standard deviation is less than this, metres.
+const ATTACHED_SIGMA_M: f64 = 0.05;
+/// What so many closures on a submap have said is hardly changed by more of them.
+const ENOUGH_CLOSURES: usize = 3;
+
+/// A submap that lies on an older one and was taken out of the graph.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Attached {
+    submap: usize,
+    /// One in play.
+    older: usize,
+    older_from_submap: Pose2,
+    information: Matrix3<f64>,
+}
+
+/// A motion with its covariance over (x, y, θ) in the axes at its end.
+#[derive(Debug, Clone, Copy)]
+struct Motion {
+    pose: Pose2,
+    covariance: Matrix3<f64>,
+}
+
+impl Motion {
+    fn of(factor: &BetweenFactor) -> Self {
+        Self { pose: factor.from_from_to, covariance: inverse(&factor.information) }
+    }
+
+    /// First this motion, then another.
+    fn then(&self, next: &Self) -> Self {
+        let adjoint = next.pose.inverse().adjoint();
+        let covariance = adjoint * self.covariance * adjoint.transpose() + next.covariance;
+        Self { pose: self.pose.compose(&next.pose), covariance }
+    }
+
+    /// The way back.
+    fn inverse(&self) -> Self {
+        let adjoint = self.pose.adjoint();
+        Self { pose: self.pose.inverse(), covariance: adjoint * self.covariance * adjoint.transpose() }
+    }
+
+    /// As a factor between two nodes, believed as far as another.
+    fn factor(&self, [from, to]: [usize; 2], like: &BetweenFactor) -> BetweenFactor {
+        let information = symmetric(&inverse(&self.covariance));
+        BetweenFactor { from, to, from_from_to: self.pose, information, ..like.clone() }
+    }
+}
+
+impl Hypothesis {
+    /// Takes a submap that lies on an older one out of the graph. Leaves the graph as it is where the account does not
+    /// hold the submap for recognised on one of the first `long_ago`, or where few recognised that one before.
+    pub fn attach(&mut self, submap: usize, long_ago: usize) {
+        let Some(node) = self.node_of(submap) else { return };
+        // Where the drive was interrupted the way there is not known, or not yet.
+        if self.breaks.iter().any(|at| at.submap == submap || at.submap == submap + 1) {
+            return;
+        }
+        let next = self.links().find(|link| link.from == node && link.to == node + 1);
+        let (Some(hold), Some(next)) = (self.hold_of(node, long_ago), next) else { return };
+        let older_from_submap = self.graph.poses()[hold.from].between(&self.graph.poses()[node]);
+        let held = Motion { pose: older_from_submap, covariance: inverse(&hold.information) };
+        // The next submap's node takes this one's number.
+        let mut bridges = vec![held.then(&Motion::of(next)).factor([hold.from, node], next)];
+        // Nor may the way here lose its end where the submap before is not held itself.
+        let before = self.links().find(|link| link.from + 1 == node && link.to == node && link.from != hold.from);
+        if let Some(before) = before.filter(|before| !self.closures_of(before.from).any(is_sure)) {
+            bridges.push(held.then(&Motion::of(before).inverse()).factor([hold.from, before.from], before));
+        }
+        let attached =
+            Attached { submap, older: self.in_play[hold.from], older_from_submap, information: hold.information };
+        self.attached.push(attached);
+        self.remove(node);
+        for bridge in bridges {
+            let _ = self.graph.add_between(bridge);
+        }
+    }
+
+    /// What holds a submap where it lies: its surest closure, on one of the first `long_ago` submaps that enough others
+    /// were recognised on before. Along a bare corridor a closure knows less than the way there.
+    fn hold_of(&self, node: usize, long_ago: usize) -> Option<&BetweenFactor> {
+        let is_recognised = |closure: &&BetweenFactor| {
+            let on_the_same = self.closures_in_force().filter(|other| other.from == closure.from && other.to < node);
+            on_the_same.count() >= ENOUGH_CLOSURES
+        };
+        let closures = self.closures_of(node).filter(|closure| self.in_play[closure.from] < long_ago);
+        let surest =
+            closures.filter(is_recognised).max_by(|a, b| a.information.trace().total_cmp(&b.information.trace()))?;
+        if is_sure(surest) { Some(surest) } else { self.links().find(|link| link.to == node) }
+    }
+
+    /// The factors that are no closures, the last first.
+    fn links(&self) -> impl Iterator<Item = &BetweenFactor> {
+        let is_closure = |number: usize| self.ties.iter().any(|tie| tie.factor == number);
+        let factors = self.graph.between_factors().iter().enumerate().rev();
+        factors.filter(move |&(number, _)| !is_closure(number)).map(|(_, link)| link)
+    }
+
+    fn closures_in_force(&self) -> impl Iterator<Item = &BetweenFactor> {
+        let in_force = self.ties.iter().filter(|tie| self.is_in_force(tie.factor));
+        in_force.map(|tie| &self.graph.between_factors()[tie.factor])
+    }
+
+    /// The closures in force by which a submap was recognised on older ones.
+    fn closures_of(&self, node: usize) -> impl Iterator<Item = &BetweenFactor> {
+        self.closures_in_force().filter(move |closure| closure.to == node)
+    }
+
+    /// Takes a node out of the graph with all its factors.
+    fn remove(&mut self, node: usize) {
+        let factors = self.graph.between_factors();
+        let is_of_node = |tie: &&Tie| factors[tie.factor].to == node || factors[tie.factor].from == node;
+        let closures: Vec<Closure> = self.ties.iter().filter(is_of_node).map(|tie| self.closure_of(tie)).collect();
+        self.past_closures.extend(closures);
+        self.in_play.remove(node);
+        let numbers = self.graph.remove_node(node);
+        self.ties.retain_mut(|tie| numbers[tie.factor].map(|number| tie.factor = number).is_some());
+    }
+
+    /// The poses of all submaps, world from submap, also of those that left the graph.
+    #[must_use]
+    pub fn all_poses(&self) -> Vec<Pose2> {
+        let mut poses = vec![Pose2::IDENTITY; self.newest().map_or(0, |(newest, _)| newest + 1)];
+        for (submap, pose) in self.in_play() {
+            poses[submap] = pose;
+        }
+        for attached in &self.attached {
+            poses[attached.submap] = poses[attached.older].compose(&attached.older_from_submap);
+        }
+        poses
+    }
+
+    /// The graph with all submaps as its nodes, also those that left it.
+    #[must_use]
+    pub fn whole_graph(&self) -> PoseGraph {
+        let mut graph = PoseGraph::default();
+        for pose in self.all_poses() {
+            graph.add_node(pose);
+        }
+        for factor in self.graph.prior_factors() {
+            let _ = graph.add_prior(PriorFactor { node: self.in_play[factor.node], ..factor.clone() });
+        }
+        for factor in self.graph.between_factors() {
+            let [from, to] = [factor.from, factor.to].map(|node| self.in_play[node]);
+            let _ = graph.add_between(BetweenFactor { from, to, ..factor.clone() });
+        }
+        for attached in &self.attached {
+            let _ = graph.add_between(BetweenFactor {
+                from: attached.older,
+                to: attached.submap,
+                from_from_to: attached.older_from_submap,
+                information: attached.information,
+                kernel: RobustKernel::Quadratic,
+                weight: 1.0,
+            });
+        }
+        graph
+    }
+}
+
+/// Whether a closure tells where along its corridor, too, a submap lies.
+fn is_sure(closure: &BetweenFactor) -> bool {
+    let covariance = inverse(&closure.information);
+    covariance[(0, 0)] + covariance[(1, 1)] < 2.0 * ATTACHED_SIGMA_M * ATTACHED_SIGMA_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    fn motion(x: f64, y: f64, theta: f64) -> Motion {
+        let covariance = Matrix3::from_diagonal(&Vector3::new(4e-4, 1e-4, 1e-6));
+        Motion { pose: Pose2::new(x, y, theta), covariance }
+    }
+
+    #[test]
+    fn there_and_back_is_no_motion_and_doubly_uncertain() {
+        let step = motion(3.0, 1.0, 0.7);
+        let back = step.inverse();
+        assert!((back.inverse().covariance - step.covariance).amax() < 1e-15);
+        let nothing = step.then(&back);
+        assert!(nothing.pose.distance() < 1e-12 && nothing.pose.theta.abs() < 1e-12);
+        // Seen from the start, both steps err alike.
+        assert!((nothing.covariance - 2.0 * back.covariance).amax() < 1e-15);
+    }
+
+    #[test]
+    fn the_order_in_which_motions_are_put_together_does_not_matter() {
+        let [a, b, c] = [motion(1.0, 0.2, 0.5), motion(-2.0, 1.0, -1.2), motion(0.3, 0.4, 2.0)];
+        let (left, right) = (a.then(&b).then(&c), a.then(&b.then(&c)));
+        assert!(left.pose.between(&right.pose).distance() < 1e-12);
+        assert!((left.covariance - right.covariance).amax() < 1e-15);
+    }
+}
