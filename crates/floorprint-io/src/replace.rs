@@ -32,9 +32,10 @@ pub(crate) fn replace_file(
     result.map_err(|error| WriteError::io(path, &error))
 }
 
-/// What a path leads to; itself where there is nothing yet.
+/// What a path leads to, also where there is nothing yet.
 pub(crate) fn behind_links(path: &Path) -> PathBuf {
-    fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
+    let missing = || fs::read_link(path).map_or_else(|_| path.to_path_buf(), |to| path.with_file_name("").join(to));
+    fs::canonicalize(path).unwrap_or_else(|_| missing())
 }
 
 /// Writes `bytes` as the file at `path`, whole or not at all.

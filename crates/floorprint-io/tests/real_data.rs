@@ -1,6 +1,11 @@
 //! Real recordings are read whole, with their known traps.
 
+use floorprint::config::Layer;
+use floorprint::evaluation::RelationReport;
+use floorprint::geometry::Pose2;
+use floorprint::odometry::Frames;
 use floorprint::sensors::Record;
+use floorprint::{Config, Frame, NoProfiler, Slam};
 use floorprint_io::{DropReason, OpenOptions, open, read_relations, read_trajectory};
 use std::path::PathBuf;
 
@@ -32,6 +37,37 @@ fn every_scan_of_the_benchmark_logs_is_read() {
             assert!(limit <= no_return_m && limit > no_return_m - 0.02, "{name}: {limit}");
         }
         assert_eq!(read_relations(&folder.join(format!("{name}.relations"))).unwrap().len(), relations);
+    }
+}
+
+/// A robot whose scans come rarely turns and drives far between two of them: it sees much that is new, but was not
+/// carried elsewhere.
+#[test]
+fn logs_of_which_few_scans_are_left_are_solved_too() {
+    let Some(data) = data() else { return };
+    for (name, every, first, bound_m) in
+        [("aces", 4, 1, 0.05), ("aces", 3, 0, 0.05), ("mit-csail", 3, 0, 0.05), ("mit-csail", 4, 3, 0.1)]
+    {
+        let folder = data.join("relations").join(name);
+        let log = open(&folder.join(format!("{name}.clf.gz")), &OpenOptions::default()).unwrap();
+        let relations = read_relations(&folder.join(format!("{name}.relations"))).unwrap();
+        let config = Config::resolve(&[Layer::from_robot(&log.robot)]).unwrap();
+        let (mut frames, mut motion): (Vec<Frame>, _) = (Vec::new(), Pose2::IDENTITY);
+        for (index, mut frame) in Frames::new(&log.records, &config).unwrap().iter().enumerate() {
+            motion = frame.motion.map_or(motion, |step| motion.compose(&step));
+            if index % every == first {
+                (frame.index, frame.motion) = (frames.len(), Some(std::mem::replace(&mut motion, Pose2::IDENTITY)));
+                frames.push(frame);
+            }
+        }
+        let mut slam = Slam::new(&config);
+        for frame in &frames {
+            slam.process(frame, &mut NoProfiler).unwrap();
+        }
+        let result = slam.finish(|| frames.iter().cloned(), &mut NoProfiler);
+        let errors = RelationReport::new(&result.trajectory, &relations).unwrap().all.translation_m.unwrap();
+        assert!(result.kidnappings.is_empty(), "{name}, each {every}: {:?}", result.kidnappings);
+        assert!(errors.mean < bound_m, "{name}, each {every}: {errors:?}");
     }
 }
 

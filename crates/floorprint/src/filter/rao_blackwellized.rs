@@ -66,6 +66,8 @@ pub struct RaoBlackwellizedFilter {
     is_doubtful: bool,
     /// How many scans in a row did not fit the map.
     misfits: usize,
+    /// Whether each of them contradicts it beyond doubt.
+    is_certainly_lost: bool,
     /// Share of the last scan that fitted which lay on the map.
     usual_inlier_share: f64,
     steps: u64,
@@ -101,6 +103,7 @@ impl RaoBlackwellizedFilter {
             doubt: Matrix3::zeros(),
             is_doubtful: false,
             misfits: 0,
+            is_certainly_lost: false,
             usual_inlier_share: 0.0,
             steps: 0,
         }
@@ -176,12 +179,14 @@ impl RaoBlackwellizedFilter {
         }
     }
 
-    /// Counts scans that do not fit the map anywhere near. They are not written; when they do not cease the
-    /// robot was carried elsewhere, and the maps begin anew. Where that is on the old map is for the loop
-    /// closure to find out; without it there is no beginning anew.
+    /// Counts scans that contradict the map. They are not written; when they do not cease the robot was carried
+    /// elsewhere, and the maps begin anew. Where that is on the old map is for the loop closure to find out; without
+    /// it there is no beginning anew.
     fn notice_loss(&mut self, scan: &SurfaceScan, matches: &[Option<Fit>]) -> Option<Interruption> {
         let fit = matches[self.best()].filter(|_| scan.len() >= LEAST_POINTS && self.window_m.is_finite());
-        let Some(fit) = fit.filter(|fit| !self.is_where_it_seems(scan, &fit.result)) else {
+        let is_contradicted = fit.map_or(Some(false), |fit| self.is_contradicted_by(scan, &fit.result));
+        // Scans of which nothing can be told leave it at what those before said.
+        let Some(fit) = fit.filter(|_| is_contradicted.unwrap_or(self.misfits > 0)) else {
             if std::mem::take(&mut self.misfits) > 0 {
                 self.particles.iter_mut().for_each(Particle::correct_misfits);
             }
@@ -189,6 +194,8 @@ impl RaoBlackwellizedFilter {
             self.particles.iter_mut().for_each(|particle| particle.unconfirmed.clear());
             return None;
         };
+        let is_certain = is_contradicted.is_some() && fit.result.inlier_share < LOST_INLIER_SHARE;
+        self.is_certainly_lost = is_certain && (self.misfits == 0 || self.is_certainly_lost);
         self.misfits += 1;
         if self.misfits < MISFITS_BEFORE_LOSS {
             return None;
@@ -196,28 +203,29 @@ impl RaoBlackwellizedFilter {
         let frame = (self.steps as usize + 1).saturating_sub(std::mem::take(&mut self.misfits));
         self.usual_inlier_share = 0.0;
         self.particles.iter_mut().for_each(|particle| particle.begin_anew(self.matcher.cell_m));
-        Some(Interruption { frame, is_certain: fit.result.inlier_share < LOST_INLIER_SHARE })
+        Some(Interruption { frame, is_certain: self.is_certainly_lost })
     }
 
-    /// Whether a scan fits the map where it was matched: enough of it lies there and, if that is suddenly less
-    /// than before, it shows about what the last scan in the map shows as far as both had the same in view. In a
-    /// corridor much fits that is somewhere else.
-    fn is_where_it_seems(&self, scan: &SurfaceScan, fit: &MatchResult) -> bool {
-        if fit.inlier_share < LOST_INLIER_SHARE {
-            return false;
-        }
-        let is_sudden = fit.inlier_share < self.usual_inlier_share - SUDDEN_LOSS;
+    /// Whether a scan shows that the robot is not where it was matched: little of it lies on the map there, or
+    /// suddenly less than before, and of what it and the last scan in the map both had in view much is missing. A
+    /// robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits that is
+    /// somewhere else. `None` where too little was in view of both.
+    fn is_contradicted_by(&self, scan: &SurfaceScan, fit: &MatchResult) -> Option<bool> {
+        let is_usual = fit.inlier_share >= LOST_INLIER_SHARE.max(self.usual_inlier_share - SUDDEN_LOSS);
         let particle = self.best_particle();
-        let Some((last_pose, last)) = particle.written.back().filter(|_| is_sudden) else { return true };
+        let Some((last_pose, last)) = particle.written.back().filter(|_| !is_usual) else { return Some(false) };
         let pose = &fit.belief.pose;
         let here = scan.in_view_of(pose, last, last_pose);
         let there = last.in_view_of(last_pose, scan, pose);
+        let points = here.len() + there.len();
+        if points < 2 * LEAST_POINTS {
+            return None;
+        }
         let mut map = SurfaceMap::new(self.matcher.cell_m);
         map.add_scan(pose, scan);
-        let conflict = 2.0
-            - inlier_share(&particle.map, &here, pose, &self.matcher)
-            - inlier_share(&map, &there, last_pose, &self.matcher);
-        here.len().min(there.len()) < LEAST_POINTS || conflict < CONFLICT
+        let found = here.len() as f64 * inlier_share(&particle.map, &here, pose, &self.matcher)
+            + there.len() as f64 * inlier_share(&map, &there, last_pose, &self.matcher);
+        Some(found < (1.0 - MISSING_SHARE) * points as f64)
     }
 
     /// Draws each pose from the Gaussian around its optimum and multiplies each weight by the
@@ -306,11 +314,11 @@ const LOST_INLIER_SHARE: f64 = 0.55;
 /// recorded drives single scans fit by 0.52 at the least.
 const LEAST_POINTS: usize = 30;
 const MISFITS_BEFORE_LOSS: usize = 3;
-/// Nor does one that suddenly lies on the map by this much less, if of what it and the last scan both had in view
-/// this share is missing, summed over both. Where the robot was not carried, people and doors come to less, or come
-/// little by little.
-const SUDDEN_LOSS: f64 = 0.14;
-const CONFLICT: f64 = 0.33;
+/// Nor does one that suddenly lies on the map by this much less. Either contradicts the map only if, of what it and the
+/// last scan in the map both had in view, this share is missing: people and doors come to less, or come little by
+/// little, and who turns sees new things.
+const SUDDEN_LOSS: f64 = 0.28;
+const MISSING_SHARE: f64 = 0.25;
 
 /// Covariance of a pose in doubt.
 fn blunder() -> Matrix3<f64> {

@@ -14,6 +14,7 @@ use super::{Interruption, LoopClosureConfig, Verdict};
 use crate::geometry::Pose2;
 use crate::pose_graph::Optimizer;
 use nalgebra::Matrix3;
+use std::collections::BTreeMap;
 
 /// How much has to speak for a place before the drive is put there: log-likelihood, about what two submaps say that
 /// fit well …
@@ -65,7 +66,7 @@ pub struct Break {
     /// The first submap after it.
     pub submap: usize,
     interruption: Interruption,
-    /// Of the motion to that submap, if the robot was not carried.
+    /// Of the motion to that submap, if the robot was not carried: its factor claims next to nothing until that is known.
     information: Matrix3<f64>,
     outcome: Outcome,
 }
@@ -77,7 +78,7 @@ enum Outcome {
     /// The robot was not carried.
     Stayed,
     /// It was found on what it had seen before.
-    Found,
+    Found(Found),
 }
 
 impl Break {
@@ -123,25 +124,25 @@ impl Sighting {
         offset.distance() < AGREEMENT_M + bend && offset.theta.abs() < AGREEMENT_RAD + 0.1 * bend
     }
 
-    /// What all submaps together say for a place. They come one after the other.
+    /// What all submaps together say for a place: of each the best sighting, and those on other submaps as witnesses.
     fn evidence_for_place(&self, sightings: &[Self]) -> f64 {
-        let mut total = 0.0;
-        let mut agreeing = sightings.iter().filter(|sighting| sighting.agrees_with(self)).peekable();
-        while let Some(first) = agreeing.next() {
-            let (mut best, mut witnesses, mut last) = (first, Vec::new(), first.older);
-            while let Some(next) = agreeing.next_if(|next| next.newer == first.newer) {
-                let other = if next.evidence > best.evidence { std::mem::replace(&mut best, next) } else { next };
-                if next.older != last {
-                    witnesses.push(other.surplus);
-                }
-                last = next.older;
-            }
-            let support: f64 = witnesses.iter().take(MOST_WITNESSES).sum();
-            if best.evidence > 0.0 {
-                total += best.evidence + EVIDENCE_OF_WITNESS * support;
+        let mut by_submap: BTreeMap<usize, BTreeMap<usize, &Self>> = BTreeMap::new();
+        for sighting in sightings.iter().filter(|sighting| sighting.agrees_with(self)) {
+            let best = by_submap.entry(sighting.newer).or_default().entry(sighting.older).or_insert(sighting);
+            if sighting.evidence > best.evidence {
+                *best = sighting;
             }
         }
-        total
+        let evidence_of = |on_submaps: BTreeMap<usize, &Self>| {
+            let mut sightings: Vec<&Self> = on_submaps.into_values().collect();
+            sightings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            let witnesses: f64 = sightings.iter().skip(1).take(MOST_WITNESSES).map(|witness| witness.surplus).sum();
+            match sightings.first() {
+                Some(best) if best.evidence > 0.0 => best.evidence + EVIDENCE_OF_WITNESS * witnesses,
+                _ => 0.0,
+            }
+        };
+        by_submap.into_values().map(evidence_of).sum()
     }
 }
 
@@ -155,7 +156,7 @@ impl Hypothesis {
     fn is_kidnapping(&self, at: &Break) -> bool {
         match at.outcome {
             Outcome::Open => at.interruption.is_certain,
-            Outcome::Found => true,
+            Outcome::Found(_) => true,
             // What came later may say otherwise.
             Outcome::Stayed => self.link_to(at.submap).is_some_and(|link| self.graph.squared_error(link) > CONFLICT),
         }
@@ -169,12 +170,9 @@ impl Hypothesis {
 
     /// Which nodes a submap is tied to, other than by a motion on which the robot may have been carried elsewhere.
     pub(super) fn tied_to(&self, submap: usize) -> Vec<bool> {
-        let broken: Vec<usize> = self
-            .breaks
-            .iter()
-            .filter(|at| at.outcome != Outcome::Stayed)
-            .filter_map(|at| self.link_to(at.submap))
-            .collect();
+        let interrupted = self.breaks.iter().filter(|at| at.outcome != Outcome::Stayed);
+        let contradicted = self.ties.iter().map(|tie| tie.factor).filter(|&factor| !self.is_in_force(factor));
+        let broken: Vec<usize> = interrupted.filter_map(|at| self.link_to(at.submap)).chain(contradicted).collect();
         let count = self.graph.poses().len();
         let mut neighbours = vec![Vec::new(); count];
         for (number, factor) in self.graph.between_factors().iter().enumerate() {
@@ -196,21 +194,26 @@ impl Hypothesis {
     /// Where the robot was carried elsewhere.
     #[must_use]
     pub fn kidnappings(&self, submaps: &[Submap], comparisons: &[Comparison]) -> Vec<Kidnapping> {
-        let found = |at: &Break| {
-            let in_force = self.closures().filter(|closure| closure.is_in_force);
-            let across = in_force
-                .map(|closure| &comparisons[closure.comparison])
-                .find(|comparison| comparison.older < at.submap && comparison.newer >= at.submap)?;
-            Some(Found { frame: submaps[across.newer].middle_frame, earlier: submaps[across.older].middle_frame })
+        let found = |at: &Break| match at.outcome {
+            Outcome::Open => None,
+            Outcome::Found(found) => Some(found),
+            Outcome::Stayed => {
+                let in_force = self.closures().filter(|closure| closure.is_in_force);
+                let across = in_force
+                    .map(|closure| &comparisons[closure.comparison])
+                    .filter(|comparison| comparison.older < at.submap && comparison.newer >= at.submap)
+                    .min_by_key(|comparison| comparison.newer)?;
+                Some(Found { frame: submaps[across.newer].middle_frame, earlier: submaps[across.older].middle_frame })
+            }
         };
         let kidnapping = |at: &Break| Kidnapping { frame: at.interruption.frame, found: found(at) };
         self.breaks.iter().filter(|at| self.is_kidnapping(at)).map(kidnapping).collect()
     }
 
-    /// Whether the newest submap is on nothing seen before an interruption, as far as that is known.
+    /// Whether the robot may have been carried elsewhere and it is not known where to.
     #[must_use]
     pub fn is_lost(&self) -> bool {
-        self.breaks.iter().any(|at| at.outcome == Outcome::Open && at.interruption.is_certain)
+        self.is_lost
     }
 
     /// Looks for a robot that may have been carried elsewhere, given the comparisons of the drive up to the newest submap.
@@ -222,15 +225,14 @@ impl Hypothesis {
         config: &LoopClosureConfig,
     ) {
         let Some((newest, _)) = self.newest() else { return };
-        if self.breaks.iter().all(|at| at.outcome != Outcome::Open) {
+        let is_open = |at: &&mut Break| at.outcome == Outcome::Open;
+        self.breaks.iter_mut().filter(is_open).for_each(|at| at.judge(comparisons));
+        if self.open_breaks().next().is_none() {
             return;
-        }
-        for at in &mut self.breaks {
-            at.judge(comparisons);
         }
         let tied = self.tied_to(newest);
         let sightings = self.sightings(submaps, newest, comparisons, &tied);
-        let is_certain = self.breaks.iter().all(|at| at.interruption.is_certain);
+        let is_certain = self.open_breaks().all(|at| at.interruption.is_certain);
         let least = if is_end && is_certain { LEAST_EVIDENCE_AT_THE_END } else { LEAST_EVIDENCE };
         let evidence = |sighting: &Sighting| {
             let prior = if !is_certain && sighting.is_where_it_was() { PRIOR_OF_STAYING } else { 0.0 };
@@ -248,7 +250,7 @@ impl Hypothesis {
             let rival = rivals.map(|(_, evidence)| *evidence).fold(0.0, f64::max);
             if most > least && most - rival > MARGIN && rival < RIVAL_SHARE * most {
                 self.place(best, &sightings, &tied, comparisons, config);
-                self.note_what_is_bridged(best);
+                self.note_what_is_bridged(best, submaps);
             }
         }
         for at in 0..self.breaks.len() {
@@ -258,6 +260,11 @@ impl Hypothesis {
                 self.stay(at);
             }
         }
+        self.is_lost = self.open_breaks().next().is_some() && !self.tied_to(newest)[0];
+    }
+
+    fn open_breaks(&self) -> impl Iterator<Item = &Break> {
+        self.breaks.iter().filter(|at| at.outcome == Outcome::Open)
     }
 
     /// Where the newest submaps were seen on places that they are not tied to.
@@ -314,7 +321,9 @@ impl Hypothesis {
     }
 
     /// Notes which interruptions the placing of the drive has bridged.
-    fn note_what_is_bridged(&mut self, best: &Sighting) {
+    fn note_what_is_bridged(&mut self, best: &Sighting, submaps: &[Submap]) {
+        let [newest, older] = [self.newest().map_or(0, |(newest, _)| newest), best.older];
+        let found = Found { frame: submaps[newest].middle_frame, earlier: submaps[older].middle_frame };
         for at in 0..self.breaks.len() {
             let Break { submap, interruption, outcome, .. } = self.breaks[at];
             let before = self.node_of(submap).unwrap_or(0);
@@ -322,7 +331,7 @@ impl Hypothesis {
                 if best.is_where_it_was() && !interruption.is_certain {
                     self.stay(at);
                 } else {
-                    self.breaks[at].outcome = Outcome::Found;
+                    self.breaks[at].outcome = Outcome::Found(found);
                 }
             }
         }

@@ -292,6 +292,9 @@ impl SimulationConfig {
         if self.lidar.beams < 2 {
             return refuse("lidar.beams", self.lidar.beams as f64, "at least 2");
         }
+        if let Some((key, found, expected)) = self.faults.iter().find_map(Fault::impossible_setting) {
+            return refuse(key, found, expected);
+        }
         if !self.start_stamp_s.is_finite() {
             return refuse("start_stamp_s", self.start_stamp_s, "a number of seconds");
         }

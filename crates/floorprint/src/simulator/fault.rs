@@ -75,6 +75,37 @@ pub enum Fault {
     },
 }
 
+impl Fault {
+    /// Its setting that cannot be, if there is one: the key, the value and what is expected.
+    pub(super) fn impossible_setting(&self) -> Option<(&'static str, f64, &'static str)> {
+        let (span, own) = match *self {
+            Self::Kidnapping { at_s, ahead_m } => ([at_s, 0.0], ("faults.kidnapping.ahead_m", ahead_m, MOST_METRES)),
+            Self::WheelSlip { from_s, for_s, share } => ([from_s, for_s], ("faults.wheel_slip.share", share, NUMBER)),
+            Self::EncodersJump { from_s, for_s, jump_m } => {
+                ([from_s, for_s], ("faults.encoders_jump.jump_m", jump_m, MOST_METRES))
+            }
+            Self::RaysLost { from_s, for_s, share } => ([from_s, for_s], ("faults.rays_lost.share", share, SHARE)),
+            Self::EncodersStuck { from_s, for_s }
+            | Self::EncodersSignLost { from_s, for_s }
+            | Self::LidarDropout { from_s, for_s }
+            | Self::PeopleAlong { from_s, for_s, .. } => ([from_s, for_s], ("faults", 0.0, NUMBER)),
+        };
+        let (key, value, expected) = own;
+        let is_possible = match expected {
+            SHARE => (0.0..=1.0).contains(&value),
+            MOST_METRES => value.abs() <= 1e6,
+            _ => value.is_finite(),
+        };
+        let time = span.into_iter().find(|time_s| !(0.0..=1e9).contains(time_s));
+        let of_time = time.map(|time_s| ("the time of a fault", time_s, "seconds from 0 on"));
+        of_time.or((!is_possible).then_some((key, value, expected)))
+    }
+}
+
+const SHARE: &str = "a share from 0 to 1";
+const MOST_METRES: &str = "metres, no more than a million";
+const NUMBER: &str = "a number";
+
 /// Whether `time_s` lies within `for_s` seconds from `from_s` on.
 pub(super) fn within(time_s: f64, from_s: f64, for_s: f64) -> bool {
     time_s >= from_s && time_s < from_s + for_s
