@@ -174,11 +174,82 @@ fn is_sure(closure: &BetweenFactor) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pose_graph::Marginals;
     use nalgebra::Vector3;
 
     fn motion(x: f64, y: f64, theta: f64) -> Motion {
         let covariance = Matrix3::from_diagonal(&Vector3::new(4e-4, 1e-4, 1e-6));
         Motion { pose: Pose2::new(x, y, theta), covariance }
+    }
+
+    /// A way of seven submaps, the last three of which lie on the first: the sixth was recognised for sure on the second.
+    fn drive() -> Hypothesis {
+        let truth = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.1], [8.0, 1.0, 0.8], [9.0, 5.0, 2.0], [1.0, 3.0, -1.0]]
+            .into_iter()
+            .chain([[3.5, 0.4, -0.2], [7.0, 0.8, 0.3]])
+            .map(|[x, y, theta]| Pose2::new(x, y, theta));
+        let mut drive = Hypothesis { in_play: (0..7).collect(), ..Hypothesis::default() };
+        let poses: Vec<Pose2> = truth.collect();
+        for pose in &poses {
+            drive.graph.add_node(*pose);
+        }
+        let prior = PriorFactor { node: 0, world_from_node: poses[0], information: Matrix3::identity() * 1e8 };
+        drive.graph.add_prior(prior).unwrap();
+        let tie = |drive: &mut Hypothesis, from: usize, to: usize, sigma: [f64; 3], is_closure: bool| {
+            let information = Matrix3::from_diagonal(&Vector3::from(sigma.map(|sigma| 1.0 / (sigma * sigma))));
+            let from_from_to = poses[from].between(&poses[to]);
+            let kernel = RobustKernel::Quadratic;
+            let factor = BetweenFactor { from, to, from_from_to, information, kernel, weight: 1.0 };
+            let factor = drive.graph.add_between(factor).unwrap();
+            if is_closure {
+                drive.ties.push(Tie { factor, comparison: factor, placement: 0 });
+            }
+        };
+        for from in 0..6 {
+            // On the way back to the start the robot nearly loses its way.
+            let sigma = if from == 3 { [1.0, 1.0, 0.3] } else { [0.03, 0.01, 0.004] };
+            tie(&mut drive, from, from + 1, sigma, false);
+        }
+        for to in 2..5 {
+            tie(&mut drive, 1, to, [2.0, 2.0, 0.5], true);
+        }
+        tie(&mut drive, 1, 5, [0.02, 0.015, 0.003], true);
+        drive
+    }
+
+    #[test]
+    fn a_submap_leaves_the_graph_and_what_it_said_of_its_neighbours_stays() {
+        let before = drive();
+        let mut after = before.clone();
+        after.attach(5, 2);
+        assert_eq!(after.in_play, [0, 1, 2, 3, 4, 6]);
+        assert_eq!((after.ties.len(), after.past_closures.len()), (3, 1));
+        assert!(after.graph.cost() < 1e-12, "nothing was contradicted: {}", after.graph.cost());
+        let (of_all, of_rest) = (Marginals::new(&before.graph).unwrap(), Marginals::new(&after.graph).unwrap());
+        for (submap, node) in [(4, 4), (6, 5)] {
+            let [full, rest] = [of_all.relative_covariance(1, submap), of_rest.relative_covariance(1, node)];
+            for axis in 0..3 {
+                let ratio = (rest[(axis, axis)] / full[(axis, axis)]).sqrt();
+                assert!((0.95..1.1).contains(&ratio), "submap {submap}, axis {axis}: {ratio}");
+            }
+        }
+        let (whole, poses) = (after.whole_graph(), after.all_poses());
+        assert_eq!((whole.poses().len(), poses.len()), (7, 7));
+        for (pose, truth) in poses.iter().zip(before.graph.poses()) {
+            assert!(truth.between(pose).distance() < 1e-9 && truth.between(pose).theta.abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn what_few_recognised_before_stays_in_the_graph() {
+        let mut drive = drive();
+        drive.ties.remove(0);
+        drive.attach(5, 2);
+        assert_eq!(drive.in_play.len(), 7);
+        // Nor may the older submap be of the same passage.
+        let mut drive = self::drive();
+        drive.attach(5, 1);
+        assert_eq!(drive.in_play.len(), 7);
     }
 
     #[test]
