@@ -243,7 +243,7 @@ impl Relations {
         let noise = match &self.odometry {
             Some(file) => Some(RelationNoise::new(&trajectory, &read_poses(file)?, &relations).with_context(|| {
                 let (trajectory, odometry) = (self.trajectory.display(), file.display());
-                format!("fewer than two short relations have poses both in {trajectory} and in {odometry}")
+                format!("fewer than two short relations have poses both in {trajectory} and in {odometry}; are all of the same log?")
             })?),
             None => None,
         };

@@ -35,8 +35,6 @@ pub struct Hypothesis {
     pub(super) past_closures: Vec<Closure>,
     /// Where the robot may have been carried elsewhere.
     pub(super) breaks: Vec<Break>,
-    /// Whether the newest submap lies after one of these, and nothing else ties it to the start of the drive.
-    pub(super) is_lost: bool,
 }
 
 /// A placement that is a factor of the graph.
@@ -114,12 +112,6 @@ struct Cluster {
 }
 
 impl Hypothesis {
-    /// Nothing seen yet.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// The pose graph; its nodes are the submaps in play.
     #[must_use]
     pub fn graph(&self) -> &PoseGraph {
@@ -194,7 +186,6 @@ impl Hypothesis {
         if let (Some(interruption), Some((newest, _))) = (submap.starts_anew, self.newest()) {
             self.breaks.push(Break::new(newest, interruption, symmetric(&inverse(&covariance))));
             covariance += carried_elsewhere();
-            self.is_lost = true;
         }
         let _ = self.graph.add_between(BetweenFactor {
             from: before,

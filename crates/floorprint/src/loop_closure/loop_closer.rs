@@ -100,7 +100,7 @@ impl LoopCloser {
             builder: SubmapBuilder::new(config.submap_length_m, matcher.cell_m),
             submaps: Vec::new(),
             atlas: Atlas::default(),
-            hypotheses: vec![Hypothesis::new()],
+            hypotheses: vec![Hypothesis::default()],
             comparisons: Vec::new(),
             taken: 0,
             job: None,

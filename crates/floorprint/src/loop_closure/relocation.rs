@@ -213,7 +213,8 @@ impl Hypothesis {
     /// Whether the robot may have been carried elsewhere and it is not known where to.
     #[must_use]
     pub fn is_lost(&self) -> bool {
-        self.is_lost
+        let newest = self.newest().filter(|_| self.open_breaks().next().is_some());
+        newest.is_some_and(|(newest, _)| !self.tied_to(newest)[0])
     }
 
     /// Looks for a robot that may have been carried elsewhere, given the comparisons of the drive up to the newest submap.
@@ -260,7 +261,6 @@ impl Hypothesis {
                 self.stay(at);
             }
         }
-        self.is_lost = self.open_breaks().next().is_some() && !self.tied_to(newest)[0];
     }
 
     fn open_breaks(&self) -> impl Iterator<Item = &Break> {

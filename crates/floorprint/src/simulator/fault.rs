@@ -75,38 +75,82 @@ pub enum Fault {
     },
 }
 
+/// What a setting may be: the least, the most, and both in words.
+type Bounds = (f64, f64, &'static str);
+
+const SECONDS: Bounds = (0.0, 1e9, "seconds from 0 to 1e9");
+const METRES: Bounds = (-1e6, 1e6, "metres, no more than a million");
+const SHARE: Bounds = (0.0, 1.0, "a share from 0 to 1");
+const SLIP: Bounds = (-1e3, 1e3, "a share, no more than a thousandfold");
+
 impl Fault {
-    /// Its setting that cannot be, if there is one: the key, the value and what is expected.
+    /// Its first setting that cannot be, if there is one: the key, the value and what is expected.
     pub(super) fn impossible_setting(&self) -> Option<(&'static str, f64, &'static str)> {
-        let (span, own) = match *self {
-            Self::Kidnapping { at_s, ahead_m } => ([at_s, 0.0], ("faults.kidnapping.ahead_m", ahead_m, MOST_METRES)),
-            Self::WheelSlip { from_s, for_s, share } => ([from_s, for_s], ("faults.wheel_slip.share", share, NUMBER)),
-            Self::EncodersJump { from_s, for_s, jump_m } => {
-                ([from_s, for_s], ("faults.encoders_jump.jump_m", jump_m, MOST_METRES))
+        let settings = match *self {
+            Self::Kidnapping { at_s, ahead_m } => {
+                vec![("faults.kidnapping.at_s", at_s, SECONDS), ("faults.kidnapping.ahead_m", ahead_m, METRES)]
             }
-            Self::RaysLost { from_s, for_s, share } => ([from_s, for_s], ("faults.rays_lost.share", share, SHARE)),
-            Self::EncodersStuck { from_s, for_s }
-            | Self::EncodersSignLost { from_s, for_s }
-            | Self::LidarDropout { from_s, for_s }
-            | Self::PeopleAlong { from_s, for_s, .. } => ([from_s, for_s], ("faults", 0.0, NUMBER)),
+            Self::WheelSlip { from_s, for_s, share } => vec![
+                ("faults.wheel_slip.from_s", from_s, SECONDS),
+                ("faults.wheel_slip.for_s", for_s, SECONDS),
+                ("faults.wheel_slip.share", share, SLIP),
+            ],
+            Self::EncodersStuck { from_s, for_s } => {
+                vec![("faults.encoders_stuck.from_s", from_s, SECONDS), ("faults.encoders_stuck.for_s", for_s, SECONDS)]
+            }
+            Self::EncodersJump { from_s, for_s, jump_m } => vec![
+                ("faults.encoders_jump.from_s", from_s, SECONDS),
+                ("faults.encoders_jump.for_s", for_s, SECONDS),
+                ("faults.encoders_jump.jump_m", jump_m, METRES),
+            ],
+            Self::EncodersSignLost { from_s, for_s } => vec![
+                ("faults.encoders_sign_lost.from_s", from_s, SECONDS),
+                ("faults.encoders_sign_lost.for_s", for_s, SECONDS),
+            ],
+            Self::LidarDropout { from_s, for_s } => {
+                vec![("faults.lidar_dropout.from_s", from_s, SECONDS), ("faults.lidar_dropout.for_s", for_s, SECONDS)]
+            }
+            Self::RaysLost { from_s, for_s, share } => vec![
+                ("faults.rays_lost.from_s", from_s, SECONDS),
+                ("faults.rays_lost.for_s", for_s, SECONDS),
+                ("faults.rays_lost.share", share, SHARE),
+            ],
+            Self::PeopleAlong { from_s, for_s, .. } => {
+                vec![("faults.people_along.from_s", from_s, SECONDS), ("faults.people_along.for_s", for_s, SECONDS)]
+            }
         };
-        let (key, value, expected) = own;
-        let is_possible = match expected {
-            SHARE => (0.0..=1.0).contains(&value),
-            MOST_METRES => value.abs() <= 1e6,
-            _ => value.is_finite(),
-        };
-        let time = span.into_iter().find(|time_s| !(0.0..=1e9).contains(time_s));
-        let of_time = time.map(|time_s| ("the time of a fault", time_s, "seconds from 0 on"));
-        of_time.or((!is_possible).then_some((key, value, expected)))
+        let is_impossible = |&(_, value, (least, most, _)): &(&str, f64, Bounds)| !(least..=most).contains(&value);
+        settings.into_iter().find(is_impossible).map(|(key, value, (_, _, expected))| (key, value, expected))
     }
 }
-
-const SHARE: &str = "a share from 0 to 1";
-const MOST_METRES: &str = "metres, no more than a million";
-const NUMBER: &str = "a number";
 
 /// Whether `time_s` lies within `for_s` seconds from `from_s` on.
 pub(super) fn within(time_s: f64, from_s: f64, for_s: f64) -> bool {
     time_s >= from_s && time_s < from_s + for_s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulator::SimulationConfig;
+
+    #[test]
+    fn numbers_that_cannot_be_are_refused_by_their_key() {
+        for (fault, key) in [
+            (Fault::Kidnapping { at_s: 5.0, ahead_m: f64::NAN }, "faults.kidnapping.ahead_m"),
+            (Fault::Kidnapping { at_s: -1.0, ahead_m: 3.0 }, "faults.kidnapping.at_s"),
+            (Fault::RaysLost { from_s: 0.0, for_s: 1.0, share: 1.5 }, "faults.rays_lost.share"),
+            (Fault::LidarDropout { from_s: 0.0, for_s: f64::INFINITY }, "faults.lidar_dropout.for_s"),
+            (Fault::EncodersJump { from_s: 0.0, for_s: 1.0, jump_m: 1e300 }, "faults.encoders_jump.jump_m"),
+        ] {
+            let config = SimulationConfig { faults: vec![fault], ..SimulationConfig::default() };
+            let message = config.validate().unwrap_err().to_string();
+            assert!(message.contains(key), "{message}");
+        }
+        let fine = vec![
+            Fault::Kidnapping { at_s: 5.0, ahead_m: -3.0 },
+            Fault::RaysLost { from_s: 0.0, for_s: 9.0, share: 0.3 },
+        ];
+        assert_eq!(SimulationConfig { faults: fine, ..SimulationConfig::default() }.validate(), Ok(()));
+    }
 }
