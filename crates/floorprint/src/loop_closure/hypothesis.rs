@@ -76,8 +76,8 @@ const MOST_MISSES: i32 = 6;
 pub(super) const AGREEMENT_M: f64 = 0.35;
 pub(super) const AGREEMENT_RAD: f64 = 0.06;
 /// Placements that move a submap less than this against where it was thought to be are no surprise, metres and radians.
-const ROUTINE_M: f64 = 0.25;
-const ROUTINE_RAD: f64 = 0.04;
+pub(super) const ROUTINE_M: f64 = 0.25;
+pub(super) const ROUTINE_RAD: f64 = 0.04;
 /// What a fit is worth: log-likelihood per unit by which it is better than a fit by chance and than places farther on.
 const EVIDENCE_PER_QUALITY: f64 = 20.0;
 const CHANCE_QUALITY: f64 = 0.8;

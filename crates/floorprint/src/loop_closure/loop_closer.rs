@@ -306,6 +306,8 @@ impl LoopCloser {
         while self.work() {}
         self.hypotheses[0].relocate(&self.submaps, &self.comparisons, true, &self.config);
         self.hypotheses[0].settle();
+        let (comparisons, atlas) = (&mut self.comparisons, &mut self.atlas);
+        self.hypotheses[0].look_again(&self.submaps, comparisons, atlas, &self.config, &self.matcher);
         ClosedLoops {
             anchors: self.anchors(),
             closures: self.reports(),

@@ -10,6 +10,7 @@ mod refinement;
 mod relocation;
 mod report;
 mod retirement;
+mod second_look;
 mod submap;
 #[cfg(test)]
 mod tests;

@@ -1,8 +1,8 @@
 //! Drives of known shape are cut, closed and put right.
 
 use super::{
-    Anchor, Atlas, ClosedLoops, Comparison, Doubt, KeyScan, LoopCloser, LoopClosureConfig, Submap, SubmapBuilder,
-    Verdict, corrected_poses, map_of, refine,
+    Anchor, Atlas, ClosedLoops, ClosureReport, Comparison, Doubt, KeyScan, LoopCloser, LoopClosureConfig, Submap,
+    SubmapBuilder, Verdict, corrected_poses, map_of, refine,
 };
 use crate::geometry::Pose2;
 use crate::scan_matcher::synthetic::{Walls, frame, poses_along};
@@ -56,6 +56,12 @@ fn largest_error_m(truth: &[Pose2], poses: &[Pose2]) -> f64 {
     truth.iter().zip(poses).map(error).fold(0.0, f64::max)
 }
 
+/// The same of the last fifth of a drive around the ring, which passes its first side again.
+fn largest_error_on_second_pass_m(truth: &[Pose2], poses: &[Pose2]) -> f64 {
+    let error = |k: usize| truth[0].between(&truth[k]).between(&poses[0].between(&poses[k])).distance();
+    (truth.len() * 4 / 5..truth.len()).map(error).fold(0.0, f64::max)
+}
+
 /// A corridor around a block, with niches and pillars so that its sides differ.
 fn ring() -> (Walls, Vec<Pose2>) {
     let walls = Walls::default()
@@ -84,13 +90,27 @@ fn a_ring_is_closed() {
     let (before_m, after_m) = (largest_error_m(&truth, &poses), largest_error_m(&truth, &corrected));
     // What a closed ring cannot show is how its middle bends.
     assert!(before_m > 0.5 && after_m < 0.3 * before_m, "{before_m} m, then {after_m} m");
-    let (first, last) = (truth.len() * 4 / 5, truth.len() - 1);
-    let again = |poses: &[Pose2]| {
-        (first..=last)
-            .map(|k| truth[0].between(&truth[k]).between(&poses[0].between(&poses[k])).distance())
-            .fold(0.0, f64::max)
-    };
-    assert!(again(&corrected) < 0.05, "the second pass lies {} m off the first", again(&corrected));
+    let again_m = largest_error_on_second_pass_m(&truth, &corrected);
+    assert!(again_m < 0.05, "the second pass lies {again_m} m off the first");
+}
+
+/// What was not compared on the way is compared in the end, where it is known well enough that it lies there.
+#[test]
+fn places_that_lie_on_each_other_in_the_end_are_tied_together() {
+    let (walls, truth) = ring();
+    let poses = drifted(&truth, 0.00012);
+    let key_scans = key_scans(&walls, &truth, &poses);
+    let config = LoopClosureConfig { candidates: 0, ..LoopClosureConfig::default() };
+    let closed = close_loops(&key_scans, &config);
+    let is_tied = |closure: &&ClosureReport| closure.verdict == Verdict::Accepted;
+    let across: Vec<_> = closed.closures.iter().filter(is_tied).filter(|c| c.newer > c.older + 10).collect();
+    assert!(across.len() >= 2, "{:#?}", closed.closures);
+    let mut pairs: Vec<_> = closed.closures.iter().map(|closure| [closure.older, closure.newer]).collect();
+    pairs.dedup();
+    assert_eq!(pairs.len(), closed.closures.len(), "each pair is compared once");
+    let error_m = largest_error_on_second_pass_m(&truth, &corrected_poses(&poses, &closed.anchors));
+    let before_m = largest_error_on_second_pass_m(&truth, &poses);
+    assert!(before_m > 0.1 && error_m < 0.05, "{before_m} m, then {error_m} m");
 }
 
 /// Who drives the same corridor again and again neither remembers nor computes more and more.
