@@ -2,6 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test ends at the first surprise")]
 
+mod data_folder;
+
+use data_folder::data;
 use floorprint::Config;
 use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions};
 use floorprint::geometry::wrap_angle;
@@ -9,19 +12,8 @@ use floorprint::odometry::{DeadReckoning, Frames, GyroBias, OdometrySource};
 use floorprint::sensors::{Record, Scan, ScanGeometry};
 use floorprint_io::{DataSet, OpenOptions, open, read_trajectory};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
-
-/// The folder of real data, if it is on this machine.
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("FLOORPRINT_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: no real data at {} (set FLOORPRINT_DATA to where they are)", folder.display());
-    None
-}
 
 fn config(drive: &DataSet) -> Config {
     Config { robot: drive.robot.clone(), ..Config::default() }

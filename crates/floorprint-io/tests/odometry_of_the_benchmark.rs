@@ -1,20 +1,11 @@
 //! The benchmark's metric, on the logs' raw odometry, gives the figures measured independently.
 
+mod data_folder;
+
+use data_folder::data;
 use floorprint::evaluation::RelationReport;
 use floorprint::sensors::StampedPose;
 use floorprint_io::{OpenOptions, open, read_relations};
-use std::path::PathBuf;
-
-/// The folder of real data, if it is on this machine.
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("FLOORPRINT_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: no real data at {} (set FLOORPRINT_DATA to where they are)", folder.display());
-    None
-}
 
 #[test]
 fn raw_odometry_has_its_known_error() {

@@ -1,24 +1,15 @@
 //! Real recordings are read whole, with their known traps.
 
+mod data_folder;
+
+use data_folder::data;
 use floorprint::config::Layer;
 use floorprint::evaluation::{RelationReport, WallSharpness};
 use floorprint::geometry::Pose2;
 use floorprint::odometry::Frames;
 use floorprint::sensors::Record;
-use floorprint::{Config, Frame, NoProfiler, Slam, SlamResult};
+use floorprint::{Config, Frame, NoProfiler, Slam, SlamError, SlamResult};
 use floorprint_io::{DropReason, OpenOptions, open, read_relations, read_trajectory};
-use std::path::PathBuf;
-
-/// The folder of real data, if it is on this machine.
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("FLOORPRINT_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: no real data at {} (set FLOORPRINT_DATA to where they are)", folder.display());
-    None
-}
 
 #[test]
 fn every_scan_of_the_benchmark_logs_is_read() {
@@ -41,12 +32,12 @@ fn every_scan_of_the_benchmark_logs_is_read() {
 }
 
 /// Maps what these frames show.
-fn solve(frames: &[Frame], config: &Config) -> SlamResult {
+fn solve(frames: &[Frame], config: &Config) -> Result<SlamResult, SlamError> {
     let mut slam = Slam::new(config);
     for frame in frames {
-        slam.process(frame, &mut NoProfiler).unwrap();
+        slam.process(frame, &mut NoProfiler)?;
     }
-    slam.finish(|| frames.iter().cloned(), &mut NoProfiler)
+    Ok(slam.finish(|| frames.iter().cloned(), &mut NoProfiler))
 }
 
 /// One configuration serves all logs: errors stay where they are (BENCHMARK.md), and walls that were seen on several
@@ -62,7 +53,7 @@ fn the_benchmark_logs_are_solved_by_default() {
         let relations = read_relations(&folder.join(format!("{name}.relations"))).unwrap();
         let config = Config::resolve(&[Layer::from_robot(&log.robot)]).unwrap();
         let frames: Vec<Frame> = Frames::new(&log.records, &config).unwrap().iter().collect();
-        let result = solve(&frames, &config);
+        let result = solve(&frames, &config).unwrap();
         let errors = RelationReport::new(&result.trajectory, &relations).unwrap().all;
         let (translation, rotation) = (errors.translation_m.unwrap(), errors.rotation_deg.unwrap());
         assert!(translation.mean < bound_m && rotation.mean < bound_deg, "{name}: {translation:?}, {rotation:?}");
@@ -92,7 +83,7 @@ fn logs_of_which_few_scans_are_left_are_solved_too() {
                 frames.push(frame);
             }
         }
-        let result = solve(&frames, &config);
+        let result = solve(&frames, &config).unwrap();
         let errors = RelationReport::new(&result.trajectory, &relations).unwrap().all.translation_m.unwrap();
         assert!(result.kidnappings.is_empty(), "{name}, each {every}: {:?}", result.kidnappings);
         assert!(errors.mean < bound_m, "{name}, each {every}: {errors:?}");
