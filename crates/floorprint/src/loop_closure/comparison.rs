@@ -14,7 +14,7 @@ use crate::scan_matcher::{
     MatchResult, MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, SurfaceScan, inlier_share,
     match_scan, outliers, without_hearsay,
 };
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector2};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
@@ -56,6 +56,19 @@ impl Placement {
     #[must_use]
     pub fn quality(&self) -> f64 {
         0.5 * (self.inlier_shares[0] + self.inlier_shares[1])
+    }
+
+    /// Standard deviation of the position in the direction in which it is the least certain, metres.
+    #[must_use]
+    pub fn sigma_m(&self) -> f64 {
+        self.least_certain().0.sqrt()
+    }
+
+    /// The direction in which the position is the least certain, in the axes of the newer one, with the variance, m².
+    fn least_certain(&self) -> (f64, Vector2<f64>) {
+        let eigen = self.covariance.fixed_view::<2, 2>(0, 0).into_owned().symmetric_eigen();
+        let largest = eigen.eigenvalues.imax();
+        (eigen.eigenvalues[largest], eigen.eigenvectors.column(largest).into_owned())
     }
 
     /// Whether it passed all tests.
@@ -314,8 +327,7 @@ impl Placement {
     /// What share of the newer one's surfaces lies on the older one's when it is moved on in the direction in which
     /// the fit is the least certain, at the best of several distances.
     fn share_farther_on(&self, older: &View, newer: &SurfaceScan, submaps: &[Submap], matcher: &MatcherConfig) -> f64 {
-        let eigen = self.covariance.fixed_view::<2, 2>(0, 0).into_owned().symmetric_eigen();
-        let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+        let (_, direction) = self.least_certain();
         let shares = FARTHER_ON_M.map(|distance_m| {
             let moved = Pose2::new(distance_m * direction[0], distance_m * direction[1], 0.0);
             older.agreement(newer, &self.older_from_newer.compose(&moved), submaps, matcher).1

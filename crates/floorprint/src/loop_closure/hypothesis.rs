@@ -76,8 +76,8 @@ const MOST_MISSES: i32 = 6;
 pub(super) const AGREEMENT_M: f64 = 0.35;
 pub(super) const AGREEMENT_RAD: f64 = 0.06;
 /// Placements that move a submap less than this against where it was thought to be are no surprise, metres and radians.
-pub(super) const ROUTINE_M: f64 = 0.25;
-pub(super) const ROUTINE_RAD: f64 = 0.04;
+const ROUTINE_M: f64 = 0.25;
+const ROUTINE_RAD: f64 = 0.04;
 /// What a fit is worth: log-likelihood per unit by which it is better than a fit by chance and than places farther on.
 const EVIDENCE_PER_QUALITY: f64 = 20.0;
 const CHANCE_QUALITY: f64 = 0.8;
@@ -86,6 +86,9 @@ pub(super) const EVIDENCE_OF_WITNESS: f64 = 3.5;
 pub(super) const MOST_WITNESSES: usize = 4;
 /// What it is worth when another place on the same older submap fits better: the same surfaces are compared.
 const EVIDENCE_PER_DEFICIT: f64 = 60.0;
+/// What moves a submap against where it was thought to be must be worth so much: along a bare corridor a submap fits
+/// anywhere.
+const LEAST_EVIDENCE: f64 = 1.0;
 /// Largest number of accounts that one submap can split an account into.
 const MOST_CHILDREN: usize = 4;
 
@@ -216,10 +219,11 @@ impl Hypothesis {
         let Some(best) = clusters.first() else {
             return vec![self.without_recognition(&pose, comparisons, doubts)];
         };
-        let shift = thought.between(&best.world_from_middle);
-        let is_routine = clusters.len() == 1 && shift.distance() < ROUTINE_M && shift.theta.abs() < ROUTINE_RAD;
+        let is_no_surprise = |cluster: &Cluster| is_no_surprise(&thought.between(&cluster.world_from_middle));
+        let is_routine = clusters.len() == 1 && is_no_surprise(best);
         let mut children: Vec<Self> = clusters
             .iter()
+            .filter(|cluster| is_no_surprise(cluster) || cluster.evidence() > LEAST_EVIDENCE)
             .take(MOST_CHILDREN - 1)
             .filter_map(|cluster| self.clone().with(cluster, comparisons, first, config))
             .collect();
@@ -268,7 +272,7 @@ impl Hypothesis {
                     }
                 }
                 None => {
-                    let support = EVIDENCE_PER_QUALITY * surplus;
+                    let support = fit_evidence(surplus, 0.0);
                     clusters.push(Cluster { world_from_middle, members: vec![member], support, deficit: 0.0 });
                 }
             }
@@ -372,6 +376,16 @@ impl Placement {
     pub(super) fn surplus(&self) -> f64 {
         (self.quality() - CHANCE_QUALITY).min(self.distinctness).max(0.0)
     }
+
+    /// Whether the fit alone is worth enough to say something.
+    pub(super) fn is_conclusive(&self) -> bool {
+        fit_evidence(self.surplus(), 0.0) > LEAST_EVIDENCE
+    }
+}
+
+/// Whether a placement that moves a submap by so much leaves it about where it was thought to be.
+pub(super) fn is_no_surprise(shift: &Pose2) -> bool {
+    shift.distance() < ROUTINE_M && wrap_angle(shift.theta).abs() < ROUTINE_RAD
 }
 
 /// What a fit is worth that is so much better than a wrong one would be, and so much worse than another on the same

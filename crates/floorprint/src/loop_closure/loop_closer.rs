@@ -323,9 +323,10 @@ impl LoopCloser {
         let mut verdicts: Vec<(usize, Verdict)> = self
             .comparisons
             .iter()
-            .map(|comparison| match comparison.placements[0].verdict {
-                Verdict::Accepted => (0, Verdict::Elsewhere),
-                verdict => (0, verdict),
+            .map(|comparison| match &comparison.placements[0] {
+                best if !best.fits() => (0, best.verdict),
+                best if best.is_conclusive() => (0, Verdict::Elsewhere),
+                _ => (0, Verdict::Inconclusive),
             })
             .collect();
         for closure in best.closures() {
@@ -351,6 +352,8 @@ impl LoopCloser {
                     correction_rad: correction.theta,
                     inlier_shares: placement.inlier_shares,
                     overlap_shares: placement.overlap_shares,
+                    distinctness: placement.distinctness,
+                    sigma_m: placement.sigma_m(),
                     placements: comparison.placements.iter().filter(|placement| placement.fits()).count(),
                     middle_from_middle: older
                         .middle

@@ -22,6 +22,10 @@ pub struct ClosureReport {
     pub overlap_shares: [f64; 2],
     /// Share of those that lie on surfaces of the other.
     pub inlier_shares: [f64; 2],
+    /// How much more of the newer one fits there than at any place a little farther on.
+    pub distinctness: f64,
+    /// Standard deviation of the fit in the direction in which it is the least certain, metres.
+    pub sigma_m: f64,
     /// In how many places the newer one fits.
     pub placements: usize,
     /// Pose of the newer one's middle seen from the older one's middle.
@@ -54,6 +58,8 @@ pub enum Verdict {
     DoesNotFit,
     /// The older submap does not fit the newer.
     DoesNotFitBack,
+    /// It fits, but hardly better than by chance, or than a little farther on along the same corridor.
+    Inconclusive,
     /// It fits, but so does another place, or the drive would have to be bent too much: more speaks for the newer one's lying elsewhere.
     Elsewhere,
     /// It was tied together, but later closures contradict it.
@@ -62,11 +68,12 @@ pub enum Verdict {
 
 impl Verdict {
     /// Every verdict, in the order of the tests.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Accepted,
         Self::TooLittleInCommon,
         Self::DoesNotFit,
         Self::DoesNotFitBack,
+        Self::Inconclusive,
         Self::Elsewhere,
         Self::Contradicted,
     ];
@@ -79,6 +86,7 @@ impl Verdict {
             Self::TooLittleInCommon => "the two places hardly had the same things in view",
             Self::DoesNotFit => "too little of the newer place lies on the older",
             Self::DoesNotFitBack => "the older place does not lie on the newer",
+            Self::Inconclusive => "it fits, but hardly better than by chance or than a little farther on",
             Self::Elsewhere => "it fits, but more speaks for another place",
             Self::Contradicted => "tied together first, then contradicted by later closures",
         }

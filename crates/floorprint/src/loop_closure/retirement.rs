@@ -103,7 +103,8 @@ impl Hypothesis {
         factors.filter(move |&(number, _)| !is_closure(number)).map(|(_, link)| link)
     }
 
-    fn closures_in_force(&self) -> impl Iterator<Item = &BetweenFactor> {
+    /// The closures that pull.
+    pub(super) fn closures_in_force(&self) -> impl Iterator<Item = &BetweenFactor> {
         let in_force = self.ties.iter().filter(|tie| self.is_in_force(tie.factor));
         in_force.map(|tie| &self.graph.between_factors()[tie.factor])
     }

@@ -1,8 +1,8 @@
 //! Drives of known shape are cut, closed and put right.
 
 use super::{
-    Anchor, Atlas, ClosedLoops, ClosureReport, Comparison, Doubt, KeyScan, LoopCloser, LoopClosureConfig, Submap,
-    SubmapBuilder, Verdict, corrected_poses, map_of, refine,
+    Anchor, Atlas, ClosedLoops, ClosureReport, Comparison, Doubt, Hypothesis, KeyScan, LoopCloser, LoopClosureConfig,
+    Placement, Submap, SubmapBuilder, Verdict, corrected_poses, map_of, refine,
 };
 use crate::geometry::Pose2;
 use crate::scan_matcher::synthetic::{Walls, frame, poses_along};
@@ -323,6 +323,41 @@ fn along_a_bare_corridor_no_place_is_distinct() {
         let (much, error_m) = distinctness(&with_cupboards, shift_m);
         assert!(much > 0.08 && error_m < 0.05, "{much} {error_m} m");
     }
+}
+
+/// Along a bare corridor a submap fits anywhere: such a fit may confirm where the robot is, not say that it is elsewhere.
+#[test]
+fn what_fits_as_well_farther_on_moves_nothing() {
+    let truth = poses_along(&[[0.0, 0.0], [30.0, 0.0], [30.0, 1.0], [0.0, 1.0]], 0.3);
+    let submaps = cut(&bare(&truth), 4.0);
+    let config = LoopClosureConfig { drift_sigma_m: 0.1, ..LoopClosureConfig::default() };
+    let newest = submaps.len() - 1;
+    let [older, newer] = [0, newest].map(|index| submaps[index].front_end_from_submap);
+    let accounts = |along_m: f64, distinctness: f64| {
+        let mut account = Hypothesis::default();
+        submaps.iter().for_each(|submap| account.extend(submap, &config));
+        let expected = older.between(&newer);
+        let placement = Placement {
+            older_from_newer: Pose2::new(along_m, 0.0, 0.0).compose(&expected),
+            covariance: Matrix3::from_diagonal(&[4.0, 1e-4, 1e-6].into()),
+            overlap_shares: [0.9; 2],
+            inlier_shares: [0.95; 2],
+            distinctness,
+            verdict: Verdict::Accepted,
+        };
+        let doubt = Doubt { sigma_m: 1.5, sigma_rad: 0.02 };
+        let comparison = Comparison { older: 0, newer: newest, expected, doubt, placements: vec![placement] };
+        let doubts = account.doubts();
+        account.decide(&submaps, &doubts, &[comparison], 0, &config)
+    };
+    let closures_of_likeliest = |accounts: &[Hypothesis]| {
+        let likeliest = accounts.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight)).unwrap();
+        likeliest.closures().count()
+    };
+    assert_eq!(closures_of_likeliest(&accounts(1.5, 0.0)), 0);
+    assert_eq!(closures_of_likeliest(&accounts(-1.5, 0.02)), 0);
+    assert_eq!(closures_of_likeliest(&accounts(1.5, 0.12)), 1);
+    assert_eq!(closures_of_likeliest(&accounts(0.1, 0.0)), 1);
 }
 
 #[test]
