@@ -53,6 +53,8 @@ fn bare_corridors_are_tied_together_only_where_they_can_be_told_apart() {
     for seed in [4, 5] {
         let outcome = solve_as("main_building", seed, simulation.clone(), "");
         assert!(outcome.final_m < 0.1 && outcome.error.translation_m.max < 1.0, "seed {seed}: {outcome}");
+        // A few that confirm where the robot is say nothing about where along the corridor.
+        assert!(outcome.wrong_closures <= 10, "seed {seed}: {outcome}");
     }
 }
 
