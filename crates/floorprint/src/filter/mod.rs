@@ -5,6 +5,7 @@ mod correlation;
 mod genealogy;
 mod grisetti;
 mod kld_sampling;
+mod odometry_scale;
 mod odometry_trust;
 mod rao_blackwellized;
 mod resampler;

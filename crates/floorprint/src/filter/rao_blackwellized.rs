@@ -2,6 +2,7 @@
 //! measurement (Grisetti, Stachniss & Burgard 2007; FastSLAM 2, Montemerlo et al. 2003).
 
 use super::genealogy::Trail;
+use super::odometry_scale::OdometryScale;
 use super::odometry_trust::OdometryTrust;
 use super::resampler::draw_anew;
 use super::weights::{effective_number, heaviest, normalise};
@@ -54,6 +55,8 @@ pub struct RaoBlackwellizedFilter {
     particles: Vec<Particle>,
     /// How good the odometry has turned out to be.
     odometry: OdometryTrust,
+    /// By how much it reads long or short.
+    scale: OdometryScale,
     /// Length of the path that the maps remember, metres; unlimited where loops are not closed later.
     window_m: f64,
     /// The scan that the last step wrote into the maps, if it wrote one; all particles write the same ones.
@@ -97,6 +100,7 @@ impl RaoBlackwellizedFilter {
             matcher: config.matcher.clone(),
             particles: vec![particle; count],
             odometry: OdometryTrust::default(),
+            scale: OdometryScale::default(),
             window_m: if config.loop_closure.enabled { config.loop_closure.window_m } else { f64::INFINITY },
             key_scan: None,
             written: 0,
@@ -113,10 +117,11 @@ impl RaoBlackwellizedFilter {
     pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
         profiler.enter(Phase::Match);
         let scan = Arc::new(SurfaceScan::new(&frame.scan, &self.matcher));
+        let motion = frame.motion.as_ref().map(|measured| self.scale.correct(measured));
         let matches: Vec<Option<Fit>> = self
             .particles
             .par_iter_mut()
-            .map(|particle| particle.follow(frame, &scan, &self.odometry, &self.motion, &self.matcher))
+            .map(|particle| particle.follow(motion.as_ref(), &scan, &self.odometry, &self.motion, &self.matcher))
             .collect();
 
         let starts_anew = self.notice_loss(&scan, &matches);
@@ -141,7 +146,12 @@ impl RaoBlackwellizedFilter {
             self.is_doubtful |= fit.is_doubtful();
             if let Some(measured) = frame.motion.as_ref().filter(|_| fits) {
                 let (sigma_m, _) = self.motion.sigmas(measured);
-                self.odometry.learn(measured, &self.particles[best].last_motion, sigma_m, &fit.result.scan_information);
+                let Particle { pose, last_motion, .. } = &self.particles[best];
+                let information = &fit.result.scan_information;
+                self.odometry.learn(&self.scale.correct(measured), last_motion, sigma_m, information);
+                if fit.odometry == OdometryVerdict::Confirmed {
+                    self.scale.learn(measured, last_motion, pose.theta - last_motion.theta, information);
+                }
             }
         }
         profiler.enter(Phase::Map);
@@ -380,24 +390,28 @@ impl Particle {
     /// Moves with the odometry, then to where the scan fits the particle's map, once there is one.
     fn follow(
         &mut self,
-        frame: &Frame,
+        measured: Option<&Pose2>,
         scan: &SurfaceScan,
         trust: &OdometryTrust,
         motion: &MotionConfig,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
-        let (step, information) = match &frame.motion {
-            Some(measured) => (*measured, motion.scaled_information(measured, trust.noise())),
-            // Without odometry the robot is taken to go on as it did, with room for change.
-            None => (self.last_motion, motion.information(&self.last_motion) * PREDICTION_TRUST),
+        // Without odometry the robot is taken to go on as it did, with room for change.
+        let continued = PoseBelief {
+            pose: self.pose.compose(&self.last_motion),
+            information: motion.information(&self.last_motion) * PREDICTION_TRUST,
         };
-        let prior = PoseBelief { pose: self.pose.compose(&step), information };
+        let step = measured.copied().unwrap_or(self.last_motion);
+        let prior = measured.map_or(continued, |measured| PoseBelief {
+            pose: self.pose.compose(measured),
+            information: motion.scaled_information(measured, trust.noise()),
+        });
         self.unconfirmed.push(step);
         if self.map.is_empty() {
             (self.pose, self.last_motion) = (prior.pose, step);
             return None;
         }
-        let (result, odometry) = locate(&self.map, scan, &prior, matcher);
+        let (result, odometry) = locate(&self.map, scan, &prior, &continued, matcher);
         self.last_motion = self.pose.between(&result.belief.pose);
         self.pose = result.belief.pose;
         Some(Fit { result, prior, odometry })

@@ -86,9 +86,9 @@ pub(super) const EVIDENCE_OF_WITNESS: f64 = 3.5;
 pub(super) const MOST_WITNESSES: usize = 4;
 /// What it is worth when another place on the same older submap fits better: the same surfaces are compared.
 const EVIDENCE_PER_DEFICIT: f64 = 60.0;
-/// What moves a submap against where it was thought to be must be worth so much: along a bare corridor a submap fits
-/// anywhere.
-const LEAST_EVIDENCE: f64 = 1.0;
+/// What moves a submap against where it was thought to be must fit so much better than farther on: along a bare corridor a
+/// submap fits anywhere.
+const LEAST_DISTINCTNESS: f64 = 0.05;
 /// Largest number of accounts that one submap can split an account into.
 const MOST_CHILDREN: usize = 4;
 
@@ -108,6 +108,8 @@ struct Cluster {
     world_from_middle: Pose2,
     /// Numbers of comparisons and placements.
     members: Vec<(usize, usize)>,
+    /// Whether one of them is worth enough to move anything.
+    is_conclusive: bool,
     /// What their fits are worth, as a log-likelihood.
     support: f64,
     /// How much better other places fit, on average over the members.
@@ -223,7 +225,7 @@ impl Hypothesis {
         let is_routine = clusters.len() == 1 && is_no_surprise(best);
         let mut children: Vec<Self> = clusters
             .iter()
-            .filter(|cluster| is_no_surprise(cluster) || cluster.evidence() > LEAST_EVIDENCE)
+            .filter(|cluster| is_no_surprise(cluster) || cluster.is_conclusive)
             .take(MOST_CHILDREN - 1)
             .filter_map(|cluster| self.clone().with(cluster, comparisons, first, config))
             .collect();
@@ -262,18 +264,23 @@ impl Hypothesis {
                 offset.distance() < AGREEMENT_M && offset.theta.abs() < AGREEMENT_RAD
             };
             let surplus = placement.surplus();
+            let older_of = |(number, _): (usize, usize)| comparisons[number - first].older;
             match clusters.iter_mut().find(agrees) {
-                // Places found by one comparison exclude each other, however near: the better fit came first.
-                Some(cluster) if cluster.members.iter().any(|&(other, _)| other == member.0) => {}
+                // Places on one older submap exclude each other, however near, and the same place found from several
+                // expectations is no further witness: the better fit came first.
+                Some(cluster) if cluster.members.iter().any(|&other| older_of(other) == older_of(member)) => {}
                 Some(cluster) => {
                     cluster.members.push(member);
+                    cluster.is_conclusive |= placement.is_conclusive();
                     if cluster.members.len() <= 1 + MOST_WITNESSES {
                         cluster.support += EVIDENCE_OF_WITNESS * surplus;
                     }
                 }
                 None => {
                     let support = fit_evidence(surplus, 0.0);
-                    clusters.push(Cluster { world_from_middle, members: vec![member], support, deficit: 0.0 });
+                    let is_conclusive = placement.is_conclusive();
+                    let members = vec![member];
+                    clusters.push(Cluster { world_from_middle, members, is_conclusive, support, deficit: 0.0 });
                 }
             }
         }
@@ -377,9 +384,9 @@ impl Placement {
         (self.quality() - CHANCE_QUALITY).min(self.distinctness).max(0.0)
     }
 
-    /// Whether the fit alone is worth enough to say something.
+    /// Whether the fit is worth enough to move anything.
     pub(super) fn is_conclusive(&self) -> bool {
-        fit_evidence(self.surplus(), 0.0) > LEAST_EVIDENCE
+        self.distinctness > LEAST_DISTINCTNESS
     }
 }
 

@@ -58,7 +58,7 @@ pub enum Verdict {
     DoesNotFit,
     /// The older submap does not fit the newer.
     DoesNotFitBack,
-    /// It fits, but hardly better than by chance, or than a little farther on along the same corridor.
+    /// It fits, but hardly better than a little farther on along the same corridor.
     Inconclusive,
     /// It fits, but so does another place, or the drive would have to be bent too much: more speaks for the newer one's lying elsewhere.
     Elsewhere,
@@ -86,7 +86,7 @@ impl Verdict {
             Self::TooLittleInCommon => "the two places hardly had the same things in view",
             Self::DoesNotFit => "too little of the newer place lies on the older",
             Self::DoesNotFitBack => "the older place does not lie on the newer",
-            Self::Inconclusive => "it fits, but hardly better than by chance or than a little farther on",
+            Self::Inconclusive => "it fits, but hardly better than a little farther on",
             Self::Elsewhere => "it fits, but more speaks for another place",
             Self::Contradicted => "tied together first, then contradicted by later closures",
         }

@@ -360,6 +360,40 @@ fn what_fits_as_well_farther_on_moves_nothing() {
     assert_eq!(closures_of_likeliest(&accounts(0.1, 0.0)), 1);
 }
 
+/// Accounts that expect a submap in different places have it compared with the same older one several times.
+#[test]
+fn the_same_place_found_from_two_expectations_counts_once() {
+    let truth = poses_along(&[[0.0, 0.0], [30.0, 0.0], [30.0, 1.0], [0.0, 1.0]], 0.3);
+    let submaps = cut(&bare(&truth), 4.0);
+    let config = LoopClosureConfig { drift_sigma_m: 0.1, ..LoopClosureConfig::default() };
+    let newest = submaps.len() - 1;
+    let [older, newer] = [0, newest].map(|index| submaps[index].front_end_from_submap);
+    let there = Pose2::new(0.1, 0.0, 0.0).compose(&older.between(&newer));
+    let placement = Placement {
+        older_from_newer: there,
+        covariance: Matrix3::from_diagonal(&[1e-4, 1e-4, 1e-6].into()),
+        overlap_shares: [0.9; 2],
+        inlier_shares: [0.95; 2],
+        distinctness: 0.5,
+        verdict: Verdict::Accepted,
+    };
+    let found_from = |along_m: f64| Comparison {
+        older: 0,
+        newer: newest,
+        expected: there.compose(&Pose2::new(along_m, 0.0, 0.0)),
+        doubt: Doubt { sigma_m: 1.5, sigma_rad: 0.02 },
+        placements: vec![placement.clone()],
+    };
+    let [once, twice] = [vec![found_from(0.0)], vec![found_from(0.0), found_from(1.0)]].map(|comparisons| {
+        let mut account = Hypothesis::default();
+        submaps.iter().for_each(|submap| account.extend(submap, &config));
+        let doubts = account.doubts();
+        account.decide(&submaps, &doubts, &comparisons, 0, &config).swap_remove(0)
+    });
+    assert_eq!((once.closures().count(), twice.closures().count()), (1, 1));
+    assert_eq!(once.log_weight, twice.log_weight);
+}
+
 #[test]
 fn every_scan_is_fitted_to_the_map_of_all() {
     let walls = Walls::room();

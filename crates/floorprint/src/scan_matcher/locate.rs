@@ -4,7 +4,7 @@ use super::correlative::{SearchWindow, search};
 use super::gauss_newton::match_scan_against;
 use super::{MatchResult, MatcherConfig, PoseBelief, SurfaceScan, match_scan};
 use crate::map::SurfaceMap;
-use std::f64::consts::PI;
+use std::f64::consts::FRAC_PI_2;
 
 /// Odometry that the scan contradicts by more than this many standard deviations is taken to be wrong.
 const TRUSTED_SIGMAS: f64 = 3.0;
@@ -12,14 +12,16 @@ const TRUSTED_SIGMAS: f64 = 3.0;
 const CANDIDATES: usize = 4;
 /// Fewer points than this fit almost anywhere; they are no reason to doubt the odometry.
 const POINTS_TO_SEARCH: usize = 30;
-/// A search is widened to all headings only if less than this share of the points lies on the map at the
-/// prediction: the robot is lost then. More is no reason, for a corridor fits as well the other way round.
+/// A search is widened only if less than this share of the points lies on the map at the prediction: the robot is lost
+/// then. It never comes to where the robot has turned round between two scans: a corridor fits the other way round, too.
 const LOST: f64 = 0.3;
 /// Nor is it widened once this share of the points lies on the map.
 const GOOD_ENOUGH: f64 = 0.6;
 /// The scan overrules the odometry only if this much more of it fits elsewhere. Less is no proof:
 /// where much of what is seen is new, a wrong pose along a corridor gains as much by chance.
 const CLEARLY_BETTER: f64 = 0.2;
+/// A robot that goes on as before is believed to even if this much less of the scan fits.
+const SLIGHTLY: f64 = 0.05;
 /// After a search the odometry is believed this much less (as a factor on its information).
 const DISTRUST: f64 = 0.01;
 
@@ -34,47 +36,62 @@ pub enum OdometryVerdict {
     Abandoned,
 }
 
-/// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins.
+/// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins. `continued` is where the robot is
+/// if it goes on as in the last step.
 #[must_use]
 pub fn locate(
     map: &SurfaceMap,
     scan: &SurfaceScan,
     prior: &PoseBelief,
+    continued: &PoseBelief,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
+    let agrees = |belief: &PoseBelief, fit: &MatchResult| belief.sigmas_to(&fit.belief.pose) <= trusted_sigmas;
     let mut predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
-    if prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas {
+    if !agrees(prior, &predicted) {
         // A contradiction has to be earned: doors that swing and people who walk along carry the
         // scan away with them, but no more of it fits there than where the odometry expects it. Where
         // the scan contradicts even who holds on to the odometry, that has been shown to be wrong.
         let held = match_scan(map, scan, prior, config);
-        let is_held = prior.sigmas_to(&held.belief.pose) <= trusted_sigmas;
-        if is_held && predicted.inlier_share <= held.inlier_share {
+        if agrees(prior, &held) && predicted.inlier_share <= held.inlier_share {
             predicted = held;
         }
     }
-    let verdict = if prior.sigmas_to(&predicted.belief.pose) > trusted_sigmas {
-        OdometryVerdict::Contradicted
-    } else {
-        OdometryVerdict::Confirmed
-    };
+    let mut verdict = OdometryVerdict::Confirmed;
+    if !agrees(prior, &predicted) {
+        verdict = OdometryVerdict::Contradicted;
+        // Odometry that comes late is wrong in one step and makes up for it in the next, while the robot just goes on.
+        // From far off the scan may have come to lie anywhere along a corridor.
+        if !agrees(continued, &predicted) {
+            let going_on = match_scan(map, scan, continued, config);
+            if agrees(continued, &going_on) && predicted.inlier_share <= going_on.inlier_share + SLIGHTLY {
+                predicted = going_on;
+            }
+        }
+    }
     if predicted.inlier_share >= config.search_below_inlier_share || scan.len() < POINTS_TO_SEARCH {
         return (predicted, verdict);
     }
-    let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
-    let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: PI };
     let mut best = predicted;
-    for window in [near, wide] {
-        for pose in search(map, scan, &prior.pose, window, CANDIDATES) {
-            let start = PoseBelief { pose, information: prior.information * DISTRUST };
-            let found = match_scan(map, scan, &start, config);
-            if found.inlier_share > best.inlier_share {
-                best = found;
-            }
+    let mut start_from = |start: PoseBelief| {
+        let found = match_scan(map, scan, &start, config);
+        if found.inlier_share > best.inlier_share {
+            best = found;
         }
-        if predicted.inlier_share > LOST || best.inlier_share > GOOD_ENOUGH {
-            break;
+        best.inlier_share
+    };
+    // Only where the robot did not just go on it is looked for: along a corridor a scan fits in places where it is not.
+    if start_from(*continued) < config.search_below_inlier_share {
+        let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
+        let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: FRAC_PI_2 };
+        for window in [near, wide] {
+            let found = search(map, scan, &prior.pose, window, CANDIDATES).into_iter();
+            let starts = found.map(|pose| PoseBelief { pose, information: prior.information * DISTRUST });
+            let best_share = starts.map(&mut start_from).fold(0.0, f64::max);
+            if predicted.inlier_share > LOST || best_share > GOOD_ENOUGH {
+                break;
+            }
         }
     }
     if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER {

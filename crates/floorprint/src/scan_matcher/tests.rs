@@ -82,7 +82,7 @@ proptest! {
         let guess = Pose2::new(truth.x + dx, truth.y + dy, truth.theta + turn);
         // Odometry that is sure of itself, and wrong.
         let prior = belief(guess, 0.02, 0.02);
-        let (found, _) = locate(&room_map(), &scan(&Walls::room(), &truth), &prior, &MatcherConfig::default());
+        let (found, _) = locate(&room_map(), &scan(&Walls::room(), &truth), &prior, &prior, &MatcherConfig::default());
         let error = truth.between(&found.belief.pose);
         prop_assert!(error.distance() < 0.02 && error.theta.abs() < 0.01, "{error:?}");
     }
@@ -110,7 +110,7 @@ fn without_anything_to_match_the_odometry_stands() {
         (SurfaceMap::new(config.cell_m), scan(&Walls::room(), &Pose2::IDENTITY)),
         (SurfaceMap::new(config.cell_m), nothing),
     ] {
-        let (found, verdict) = locate(&map, &scan, &prior, &config);
+        let (found, verdict) = locate(&map, &scan, &prior, &prior, &config);
         assert!(verdict == OdometryVerdict::Confirmed && found.inlier_share == 0.0);
         assert_eq!(found.belief, prior);
     }
@@ -121,8 +121,8 @@ fn a_handful_of_points_does_not_overrule_the_odometry() {
     let mut few = BodyScan::default();
     (0..5).for_each(|k| few.hits.push(1.0, 0.05 * k as f32));
     let prior = belief(Pose2::new(0.0, 0.0, 0.0), 0.05, 0.05);
-    let (found, verdict) =
-        locate(&room_map(), &SurfaceScan::new(&few, &MatcherConfig::default()), &prior, &MatcherConfig::default());
+    let (config, map) = (MatcherConfig::default(), room_map());
+    let (found, verdict) = locate(&map, &SurfaceScan::new(&few, &config), &prior, &prior, &config);
     assert!(verdict == OdometryVerdict::Confirmed && prior.pose.between(&found.belief.pose).distance() < 0.05);
 }
 
@@ -140,9 +140,27 @@ fn a_corridor_is_not_taken_the_other_way_round_for_what_is_new_in_it() {
     let mut map = SurfaceMap::new(config.cell_m);
     map.add_scan(&Pose2::IDENTITY, &walls(&mut along(-6.0, 2.0, -1.0).chain(along(-6.0, 2.0, 1.0))));
     let scan = walls(&mut along(-1.5, 6.3, -1.0).chain(along(-1.5, 6.3, 1.0)));
-    let (found, verdict) = locate(&map, &scan, &belief(Pose2::IDENTITY, 0.03, 0.03), &config);
+    let prior = belief(Pose2::IDENTITY, 0.03, 0.03);
+    let (found, verdict) = locate(&map, &scan, &prior, &prior, &config);
     assert!(found.inlier_share < config.search_below_inlier_share, "the test needs something new: {found:?}");
     assert!(verdict == OdometryVerdict::Confirmed && found.belief.pose.theta.abs() < 0.05, "{:?}", found.belief.pose);
+}
+
+/// The odometry stood still while the robot turned in a corridor, and makes up for all of it in one step.
+#[test]
+fn where_late_odometry_leaps_the_robot_just_goes_on() {
+    let map = map_seen_from(&corridor(), &[Pose2::IDENTITY, Pose2::new(1.0, 0.0, 0.0), Pose2::new(-1.0, 0.0, 0.0)]);
+    let truth = Pose2::new(0.1, 0.02, 0.6);
+    let scan = scan(&corridor(), &truth);
+    let leap = belief(truth.compose(&Pose2::new(0.4, -0.1, 1.2)), 0.08, 0.25);
+    let continued = belief(truth.compose(&Pose2::new(0.01, 0.02, -0.04)), 0.05, 0.05);
+    let (found, verdict) = locate(&map, &scan, &leap, &continued, &MatcherConfig::default());
+    let error = truth.between(&found.belief.pose);
+    assert!(verdict != OdometryVerdict::Confirmed, "{verdict:?}");
+    assert!(error.distance() < 0.05 && error.theta.abs() < 0.01, "{error:?}");
+    // Nothing else tells where along the corridor it is.
+    let (lost, _) = locate(&map, &scan, &leap, &leap, &MatcherConfig::default());
+    assert!(truth.between(&lost.belief.pose).distance() > 0.08, "{lost:?}");
 }
 
 #[test]
