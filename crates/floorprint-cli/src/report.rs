@@ -103,6 +103,9 @@ pub(crate) struct FilterSummary {
     pub(crate) odometry_rejections: usize,
     /// The stretches on which they did.
     pub(crate) contradictions: Vec<Contradiction>,
+    /// The true length of what the odometry states as one, where the filter learnt it; the trajectory uses it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) odometry_scale: Option<f64>,
     /// Mean effective number of particles.
     pub(crate) mean_effective_particles: f64,
     /// Mean match score.
@@ -262,6 +265,7 @@ impl FilterSummary {
             resamplings: count(|step| step.filter.resampled),
             odometry_rejections: count(|step| step.filter.odometry_rejected),
             contradictions: Contradiction::all(steps),
+            odometry_scale: solution.odometry_scale,
             mean_effective_particles: mean(|step| step.filter.effective_particles),
             mean_score: mean(|step| step.filter.score),
             mean_inlier_share: mean(|step| step.filter.inlier_share),

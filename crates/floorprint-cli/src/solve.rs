@@ -32,6 +32,8 @@ pub(crate) struct Solution {
     pub(crate) kidnappings: Vec<Kidnapping>,
     /// The pose graph of the submaps, where loops were closed.
     pub(crate) graph: Option<PoseGraph>,
+    /// The true length of what the odometry states as one, where that was learnt.
+    pub(crate) odometry_scale: Option<f64>,
     /// The occupancy grid.
     pub(crate) map: OccupancyGrid,
     /// The painted floor, where there were images.
@@ -135,6 +137,7 @@ pub(crate) fn solve(
     );
 
     let started = Instant::now();
+    let odometry_scale = slam.odometry_scale();
     let result = slam.finish(|| at(&frames, &taken), around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
     let dead_reckoned: Vec<StampedPose> = frames.dead_reckoned_poses().collect();
@@ -153,6 +156,7 @@ pub(crate) fn solve(
         closures: result.closures,
         kidnappings: result.kidnappings,
         graph: result.graph,
+        odometry_scale,
         map: result.map,
         steps,
         floor,

@@ -5,6 +5,9 @@ use crate::terminal::HEADING;
 use std::io::{self, Write};
 use std::path::Path;
 
+/// Odometry that reads longer or shorter by this share is told.
+const WORTH_TELLING: f64 = 0.01;
+
 /// A number of things, in words.
 pub(crate) fn counted(count: usize, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
@@ -50,6 +53,10 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
         }
     }
     let filter = &report.filter;
+    if let Some(scale) = filter.odometry_scale.filter(|scale| (scale - 1.0).abs() > WORTH_TELLING) {
+        let off = if scale < 1.0 { "long" } else { "short" };
+        line("odometry", format!("reads {:.1} % too {off}; corrected for", 100.0 * (1.0 / scale - 1.0).abs()))?;
+    }
     if filter.odometry_rejections > 0 {
         line(
             "conflicts",

@@ -46,7 +46,7 @@ fn solve(frames: &[Frame], config: &Config) -> Result<SlamResult, SlamError> {
 fn the_benchmark_logs_are_solved_by_default() {
     let Some(data) = data() else { return };
     for (name, bound_m, bound_deg, bound_doubled) in
-        [("intel", 0.015, 0.23, 0.035), ("aces", 0.035, 0.33, 0.0165), ("mit-csail", 0.0275, 0.34, 0.03)]
+        [("intel", 0.0145, 0.23, 0.035), ("aces", 0.036, 0.33, 0.02), ("mit-csail", 0.0275, 0.34, 0.036)]
     {
         let folder = data.join("relations").join(name);
         let log = open(&folder.join(format!("{name}.clf.gz")), &OpenOptions::default()).unwrap();
@@ -63,14 +63,32 @@ fn the_benchmark_logs_are_solved_by_default() {
     }
 }
 
+/// By the walls ahead of the robot, whose distance the scans measure, intel's odometry reads 3.4 to 4.1 % too long.
+#[test]
+fn odometry_that_reads_too_long_is_noticed() {
+    let Some(data) = data() else { return };
+    let log = open(&data.join("relations/intel/intel.clf.gz"), &OpenOptions::default()).unwrap();
+    let config = Config::resolve(&[Layer::from_robot(&log.robot)]).unwrap();
+    let mut slam = Slam::new(&config);
+    for frame in Frames::new(&log.records, &config).unwrap().iter() {
+        slam.process(&frame, &mut NoProfiler).unwrap();
+    }
+    let reads = 1.0 / slam.odometry_scale().unwrap();
+    assert!((1.034..1.042).contains(&reads), "{reads}");
+}
+
 /// A robot whose scans come rarely turns and drives far between two of them: it sees much that is new, but was not
 /// carried elsewhere.
 #[test]
 fn logs_of_which_few_scans_are_left_are_solved_too() {
     let Some(data) = data() else { return };
-    for (name, every, first, bound_m) in
-        [("aces", 4, 1, 0.05), ("aces", 3, 0, 0.05), ("mit-csail", 3, 0, 0.05), ("mit-csail", 4, 3, 0.1)]
-    {
+    for (name, every, first, bound_m) in [
+        ("aces", 4, 1, 0.05),
+        ("aces", 3, 0, 0.05),
+        ("mit-csail", 3, 0, 0.05),
+        ("mit-csail", 3, 2, 0.07),
+        ("mit-csail", 4, 3, 0.1),
+    ] {
         let folder = data.join("relations").join(name);
         let log = open(&folder.join(format!("{name}.clf.gz")), &OpenOptions::default()).unwrap();
         let relations = read_relations(&folder.join(format!("{name}.relations"))).unwrap();

@@ -145,6 +145,15 @@ impl Slam {
         }
     }
 
+    /// The true length of what the odometry states as one, where the filter learns it; 1 as long as nothing is known.
+    #[must_use]
+    pub fn odometry_scale(&self) -> Option<f64> {
+        match &self.filter {
+            Filter::RaoBlackwellized(filter, _) => Some(filter.odometry_scale()),
+            _ => None,
+        }
+    }
+
     /// The occupancy grid so far. `frames` are the frames that were processed, once more.
     ///
     /// The report's filter has drawn its map along the way; the other filters' maps are made for

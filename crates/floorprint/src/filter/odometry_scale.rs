@@ -20,8 +20,9 @@ const BELIEVED_RIGHT_M: f64 = 10.0;
 const CERTAIN_M: f64 = 0.02;
 /// Over so many metres what was learnt fades: tyres and loads change.
 const MEMORY_M: f64 = 300.0;
-/// A step counts no more than this ratio off: slipping wheels say nothing about the others.
+/// A step counts no more than this ratio off, beside what scans err, metres: slipping wheels say nothing about the others.
 const LARGEST_CHANGE: f64 = 0.2;
+const LARGEST_ERROR_M: f64 = 0.03;
 
 impl Default for OdometryScale {
     fn default() -> Self {
@@ -30,10 +31,16 @@ impl Default for OdometryScale {
 }
 
 impl OdometryScale {
+    /// The true length of what the odometry states as one.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.matched_m / self.measured_m
+    }
+
     /// A motion as the odometry states it, at its true length.
     #[must_use]
     pub fn correct(&self, measured: &Pose2) -> Pose2 {
-        let ratio = self.matched_m / self.measured_m;
+        let ratio = self.ratio();
         Pose2::new(ratio * measured.x, ratio * measured.y, measured.theta)
     }
 
@@ -52,10 +59,8 @@ impl OdometryScale {
         let kept = (-length_m / MEMORY_M).exp();
         let faded = |learnt_m: f64, step_m: f64| BELIEVED_RIGHT_M + kept * (learnt_m - BELIEVED_RIGHT_M) + step_m;
         self.measured_m = faded(self.measured_m, length_m);
-        self.matched_m = faded(
-            self.matched_m,
-            along_m.clamp((1.0 - LARGEST_CHANGE) * length_m - 0.03, (1.0 + LARGEST_CHANGE) * length_m + 0.03),
-        );
+        let most_off_m = LARGEST_CHANGE * length_m + LARGEST_ERROR_M;
+        self.matched_m = faded(self.matched_m, along_m.clamp(length_m - most_off_m, length_m + most_off_m));
     }
 }
 

@@ -286,6 +286,12 @@ impl RaoBlackwellizedFilter {
         self.key_scan.take()
     }
 
+    /// By how much true lengths are longer than those that the odometry states, as a ratio, learnt where scans can tell.
+    #[must_use]
+    pub fn odometry_scale(&self) -> f64 {
+        self.scale.ratio()
+    }
+
     /// The trajectory of the best particle.
     #[must_use]
     pub fn trajectory(&self) -> Vec<StampedPose> {

@@ -81,17 +81,15 @@ pub fn locate(
         }
         best.inlier_share
     };
-    // Only where the robot did not just go on it is looked for: along a corridor a scan fits in places where it is not.
-    if start_from(*continued) < config.search_below_inlier_share {
-        let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
-        let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: FRAC_PI_2 };
-        for window in [near, wide] {
-            let found = search(map, scan, &prior.pose, window, CANDIDATES).into_iter();
-            let starts = found.map(|pose| PoseBelief { pose, information: prior.information * DISTRUST });
-            let best_share = starts.map(&mut start_from).fold(0.0, f64::max);
-            if predicted.inlier_share > LOST || best_share > GOOD_ENOUGH {
-                break;
-            }
+    start_from(*continued);
+    let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
+    let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: FRAC_PI_2 };
+    for window in [near, wide] {
+        let found = search(map, scan, &prior.pose, window, CANDIDATES).into_iter();
+        let starts = found.map(|pose| PoseBelief { pose, information: prior.information * DISTRUST });
+        let best_share = starts.map(&mut start_from).fold(0.0, f64::max);
+        if predicted.inlier_share > LOST || best_share > GOOD_ENOUGH {
+            break;
         }
     }
     if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER {
