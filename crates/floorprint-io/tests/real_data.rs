@@ -46,7 +46,7 @@ fn solve(frames: &[Frame], config: &Config) -> Result<SlamResult, SlamError> {
 fn the_benchmark_logs_are_solved_by_default() {
     let Some(data) = data() else { return };
     for (name, bound_m, bound_deg, bound_doubled) in
-        [("intel", 0.0145, 0.23, 0.035), ("aces", 0.036, 0.33, 0.02), ("mit-csail", 0.0275, 0.34, 0.036)]
+        [("intel", 0.0145, 0.23, 0.035), ("aces", 0.035, 0.33, 0.0165), ("mit-csail", 0.0275, 0.34, 0.03)]
     {
         let folder = data.join("relations").join(name);
         let log = open(&folder.join(format!("{name}.clf.gz")), &OpenOptions::default()).unwrap();
@@ -74,7 +74,7 @@ fn odometry_that_reads_too_long_is_noticed() {
         slam.process(&frame, &mut NoProfiler).unwrap();
     }
     let reads = 1.0 / slam.odometry_scale().unwrap();
-    assert!((1.034..1.045).contains(&reads), "{reads}");
+    assert!((1.034..1.042).contains(&reads), "{reads}");
 }
 
 /// A robot whose scans come rarely turns and drives far between two of them: it sees much that is new, but was not

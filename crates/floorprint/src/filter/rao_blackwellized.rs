@@ -144,11 +144,11 @@ impl RaoBlackwellizedFilter {
             self.doubt =
                 if fits { fit.covariance_after(&self.doubt) } else { fit.covariance_without_scan(&self.doubt) };
             self.is_doubtful |= fit.is_doubtful();
-            if let Some(measured) = frame.motion.as_ref().filter(|_| fits) {
+            if let Some((measured, corrected)) = frame.motion.as_ref().zip(motion.as_ref()).filter(|_| fits) {
                 let (sigma_m, _) = self.motion.sigmas(measured);
                 let Particle { pose, last_motion, .. } = &self.particles[best];
                 let information = &fit.result.scan_information;
-                self.odometry.learn(&self.scale.correct(measured), last_motion, sigma_m, information);
+                self.odometry.learn(corrected, last_motion, sigma_m, information);
                 if fit.odometry == OdometryVerdict::Confirmed {
                     self.scale.learn(measured, last_motion, pose.theta - last_motion.theta, information);
                 }

@@ -325,71 +325,66 @@ fn along_a_bare_corridor_no_place_is_distinct() {
     }
 }
 
-/// Along a bare corridor a submap fits anywhere: such a fit may confirm where the robot is, not say that it is elsewhere.
-#[test]
-fn what_fits_as_well_farther_on_moves_nothing() {
+/// What an account of a drive there and back makes of its last submap when that was compared with the first one.
+/// `compare` says what was found, given where the newer one lies on the older.
+fn accounts_of(compare: impl Fn([usize; 2], Pose2) -> Vec<Comparison>) -> Vec<Hypothesis> {
     let truth = poses_along(&[[0.0, 0.0], [30.0, 0.0], [30.0, 1.0], [0.0, 1.0]], 0.3);
     let submaps = cut(&bare(&truth), 4.0);
     let config = LoopClosureConfig { drift_sigma_m: 0.1, ..LoopClosureConfig::default() };
-    let newest = submaps.len() - 1;
-    let [older, newer] = [0, newest].map(|index| submaps[index].front_end_from_submap);
-    let accounts = |along_m: f64, distinctness: f64| {
-        let mut account = Hypothesis::default();
-        submaps.iter().for_each(|submap| account.extend(submap, &config));
-        let expected = older.between(&newer);
-        let placement = Placement {
-            older_from_newer: Pose2::new(along_m, 0.0, 0.0).compose(&expected),
-            covariance: Matrix3::from_diagonal(&[4.0, 1e-4, 1e-6].into()),
-            overlap_shares: [0.9; 2],
-            inlier_shares: [0.95; 2],
-            distinctness,
-            verdict: Verdict::Accepted,
-        };
-        let doubt = Doubt { sigma_m: 1.5, sigma_rad: 0.02 };
-        let comparison = Comparison { older: 0, newer: newest, expected, doubt, placements: vec![placement] };
-        let doubts = account.doubts();
-        account.decide(&submaps, &doubts, &[comparison], 0, &config)
+    let mut account = Hypothesis::default();
+    submaps.iter().for_each(|submap| account.extend(submap, &config));
+    let pair = [0, submaps.len() - 1];
+    let [older, newer] = pair.map(|index| submaps[index].front_end_from_submap);
+    let doubts = account.doubts();
+    account.decide(&submaps, &doubts, &compare(pair, older.between(&newer)), 0, &config)
+}
+
+/// A fit found from where the newer submap was expected.
+fn found(
+    [older, newer]: [usize; 2],
+    expected: Pose2,
+    older_from_newer: Pose2,
+    sigma_m: f64,
+    distinctness: f64,
+) -> Comparison {
+    let placement = Placement {
+        older_from_newer,
+        covariance: Matrix3::from_diagonal(&[sigma_m * sigma_m, 1e-4, 1e-6].into()),
+        overlap_shares: [0.9; 2],
+        inlier_shares: [0.95; 2],
+        distinctness,
+        verdict: Verdict::Accepted,
     };
-    let closures_of_likeliest = |accounts: &[Hypothesis]| {
+    let doubt = Doubt { sigma_m: 1.5, sigma_rad: 0.02 };
+    Comparison { older, newer, expected, doubt, placements: vec![placement] }
+}
+
+/// Along a bare corridor a submap fits anywhere: such a fit may confirm where the robot is, not say that it is elsewhere.
+#[test]
+fn what_fits_as_well_farther_on_moves_nothing() {
+    let closures_of_likeliest = |along_m: f64, distinctness: f64| {
+        let shifted = |expected: &Pose2| Pose2::new(along_m, 0.0, 0.0).compose(expected);
+        let accounts = accounts_of(|pair, there| vec![found(pair, there, shifted(&there), 2.0, distinctness)]);
         let likeliest = accounts.iter().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight)).unwrap();
         likeliest.closures().count()
     };
-    assert_eq!(closures_of_likeliest(&accounts(1.5, 0.0)), 0);
-    assert_eq!(closures_of_likeliest(&accounts(-1.5, 0.02)), 0);
-    assert_eq!(closures_of_likeliest(&accounts(1.5, 0.12)), 1);
-    assert_eq!(closures_of_likeliest(&accounts(0.1, 0.0)), 1);
+    assert_eq!(closures_of_likeliest(1.5, 0.0), 0);
+    assert_eq!(closures_of_likeliest(-1.5, 0.02), 0);
+    assert_eq!(closures_of_likeliest(1.5, 0.12), 1);
+    assert_eq!(closures_of_likeliest(0.1, 0.0), 1);
 }
 
 /// Accounts that expect a submap in different places have it compared with the same older one several times.
 #[test]
 fn the_same_place_found_from_two_expectations_counts_once() {
-    let truth = poses_along(&[[0.0, 0.0], [30.0, 0.0], [30.0, 1.0], [0.0, 1.0]], 0.3);
-    let submaps = cut(&bare(&truth), 4.0);
-    let config = LoopClosureConfig { drift_sigma_m: 0.1, ..LoopClosureConfig::default() };
-    let newest = submaps.len() - 1;
-    let [older, newer] = [0, newest].map(|index| submaps[index].front_end_from_submap);
-    let there = Pose2::new(0.1, 0.0, 0.0).compose(&older.between(&newer));
-    let placement = Placement {
-        older_from_newer: there,
-        covariance: Matrix3::from_diagonal(&[1e-4, 1e-4, 1e-6].into()),
-        overlap_shares: [0.9; 2],
-        inlier_shares: [0.95; 2],
-        distinctness: 0.5,
-        verdict: Verdict::Accepted,
+    let likeliest_of = |expectations_m: &[f64]| {
+        let from = |there: &Pose2, along_m: f64| there.compose(&Pose2::new(along_m, 0.0, 0.0));
+        let compare = |pair, there: Pose2| {
+            expectations_m.iter().map(|&along_m| found(pair, from(&there, along_m), there, 0.01, 0.5)).collect()
+        };
+        accounts_of(compare).swap_remove(0)
     };
-    let found_from = |along_m: f64| Comparison {
-        older: 0,
-        newer: newest,
-        expected: there.compose(&Pose2::new(along_m, 0.0, 0.0)),
-        doubt: Doubt { sigma_m: 1.5, sigma_rad: 0.02 },
-        placements: vec![placement.clone()],
-    };
-    let [once, twice] = [vec![found_from(0.0)], vec![found_from(0.0), found_from(1.0)]].map(|comparisons| {
-        let mut account = Hypothesis::default();
-        submaps.iter().for_each(|submap| account.extend(submap, &config));
-        let doubts = account.doubts();
-        account.decide(&submaps, &doubts, &comparisons, 0, &config).swap_remove(0)
-    });
+    let [once, twice] = [likeliest_of(&[0.0]), likeliest_of(&[0.0, 1.0])];
     assert_eq!((once.closures().count(), twice.closures().count()), (1, 1));
     assert_eq!(once.log_weight, twice.log_weight);
 }

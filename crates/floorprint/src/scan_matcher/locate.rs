@@ -20,7 +20,7 @@ const GOOD_ENOUGH: f64 = 0.6;
 /// The scan overrules the odometry only if this much more of it fits elsewhere. Less is no proof:
 /// where much of what is seen is new, a wrong pose along a corridor gains as much by chance.
 const CLEARLY_BETTER: f64 = 0.2;
-/// A robot that goes on as before is believed to even if this much less of the scan fits.
+/// Where the scan contradicts the odometry, the robot is believed to go on as before even if this much less of it fits there.
 const SLIGHTLY: f64 = 0.05;
 /// After a search the odometry is believed this much less (as a factor on its information).
 const DISTRUST: f64 = 0.01;
@@ -58,37 +58,32 @@ pub fn locate(
             predicted = held;
         }
     }
-    let mut verdict = OdometryVerdict::Confirmed;
-    if !agrees(prior, &predicted) {
-        verdict = OdometryVerdict::Contradicted;
-        // Odometry that comes late is wrong in one step and makes up for it in the next, while the robot just goes on.
-        // From far off the scan may have come to lie anywhere along a corridor.
-        if !agrees(continued, &predicted) {
-            let going_on = match_scan(map, scan, continued, config);
-            if agrees(continued, &going_on) && predicted.inlier_share <= going_on.inlier_share + SLIGHTLY {
-                predicted = going_on;
-            }
+    let is_poor = |fit: &MatchResult| fit.inlier_share < config.search_below_inlier_share;
+    // Odometry that comes late is wrong in one step and makes up for it in the next, while the robot just goes on. From
+    // far off the scan may have come to lie anywhere along a corridor.
+    if (!agrees(prior, &predicted) || is_poor(&predicted)) && !agrees(continued, &predicted) {
+        let going_on = match_scan(map, scan, continued, config);
+        let least_gain = if agrees(prior, &predicted) { CLEARLY_BETTER } else { -SLIGHTLY };
+        if agrees(continued, &going_on) && going_on.inlier_share >= predicted.inlier_share + least_gain {
+            predicted = going_on;
         }
     }
-    if predicted.inlier_share >= config.search_below_inlier_share || scan.len() < POINTS_TO_SEARCH {
+    let verdict = if agrees(prior, &predicted) { OdometryVerdict::Confirmed } else { OdometryVerdict::Contradicted };
+    if !is_poor(&predicted) || scan.len() < POINTS_TO_SEARCH {
         return (predicted, verdict);
     }
-    let mut best = predicted;
-    let mut start_from = |start: PoseBelief| {
-        let found = match_scan(map, scan, &start, config);
-        if found.inlier_share > best.inlier_share {
-            best = found;
-        }
-        best.inlier_share
-    };
-    start_from(*continued);
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
     let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: FRAC_PI_2 };
+    let mut best = predicted;
     for window in [near, wide] {
-        let found = search(map, scan, &prior.pose, window, CANDIDATES).into_iter();
-        let starts = found.map(|pose| PoseBelief { pose, information: prior.information * DISTRUST });
-        let best_share = starts.map(&mut start_from).fold(0.0, f64::max);
-        if predicted.inlier_share > LOST || best_share > GOOD_ENOUGH {
+        for pose in search(map, scan, &prior.pose, window, CANDIDATES) {
+            let start = PoseBelief { pose, information: prior.information * DISTRUST };
+            let found = match_scan(map, scan, &start, config);
+            if found.inlier_share > best.inlier_share {
+                best = found;
+            }
+        }
+        if predicted.inlier_share > LOST || best.inlier_share > GOOD_ENOUGH {
             break;
         }
     }
