@@ -11,6 +11,7 @@ use crate::images::{ImageEntry, ImageIndex};
 use crate::npz::{Npz, problem};
 use crate::source::{FolderSource, InputHash, Source, folder_names};
 use crate::stamps::rising;
+use floorprint::SensorId;
 use floorprint::sensors::{EncoderReading, ImuReading, Record, RobotConfig, Scan, ScanGeometry};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -208,7 +209,13 @@ impl Drive {
         for ((&stamp_s, ranges_m), keep) in stamps_s.iter().zip(scans).zip(keep) {
             if keep {
                 let geometry = Arc::clone(&geometry);
-                self.records.push(Record::Scan(Scan { stamp_s, ranges_m, geometry, odometry: None }));
+                self.records.push(Record::Scan(Scan {
+                    sensor: SensorId::default(),
+                    stamp_s,
+                    ranges_m,
+                    geometry,
+                    odometry: None,
+                }));
             } else {
                 self.dropped.add(DropReason::StampJump);
             }
