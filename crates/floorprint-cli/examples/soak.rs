@@ -6,7 +6,7 @@
 
 use anyhow::Context;
 use floorprint::odometry::Frames;
-use floorprint::{Config, Frame, NoProfiler, Slam};
+use floorprint::{Config, Frame, Slam};
 use floorprint_io::OpenOptions;
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
@@ -47,7 +47,7 @@ fn main() -> anyhow::Result<()> {
                 // A turning point is seen twice from the same place.
                 frame.motion = Some(floorprint::geometry::Pose2::IDENTITY);
             }
-            slam.process(&frame, &mut NoProfiler)?;
+            slam.process(&frame)?;
         }
         let scan_us = (cpu_s()? - before_s) / forward.len() as f64 * 1e6;
         let (held_mb, load) = (memory_mb().unwrap_or(f64::NAN), slam.closure_load().context("loops are not closed")?);

@@ -37,6 +37,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         work: &arguments.work,
         out: &results,
         force: true,
+        earlier: None,
     };
     let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
     summary::print(&mut terminal.results(), &report, &results)?;

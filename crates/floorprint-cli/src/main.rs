@@ -7,12 +7,14 @@ mod evaluate;
 mod figure;
 mod info;
 mod interrupt;
+mod map;
 mod number;
 mod optimize;
 mod outcome;
 mod report;
 mod run;
 mod run_folder;
+mod session_keeper;
 mod shell;
 mod simulate;
 mod snapshots;
@@ -49,6 +51,8 @@ enum Command {
     #[command(subcommand)]
     Evaluate(evaluate::Command),
     Info(info::Arguments),
+    #[command(subcommand)]
+    Map(map::Command),
     Optimize(optimize::Arguments),
     #[command(subcommand)]
     Config(config::Command),
@@ -70,6 +74,7 @@ impl Command {
             Self::Simulate(arguments) => simulate::execute(arguments, terminal),
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
+            Self::Map(command) => map::execute(command, terminal),
             Self::Optimize(arguments) => optimize::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),
             Self::Bench(arguments) => bench::execute(arguments, terminal),

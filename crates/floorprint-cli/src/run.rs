@@ -6,17 +6,19 @@ use crate::number::number;
 use crate::outcome::Outcome;
 use crate::report::Report;
 use crate::run_folder;
+use crate::session_keeper::SessionKeeper;
 use crate::snapshots::Snapshots;
-use crate::solve::{Surroundings, solve};
+use crate::solve::{Earlier, Start, Surroundings, solve};
 use crate::stopwatch::Stopwatch;
 use crate::summary;
 use crate::terminal::Terminal;
 use crate::truth::TruthFiles;
 use anyhow::Context as _;
 use clap::Args;
+use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::{Phase, Profiler};
-use floorprint_io::{Contents, OpenOptions, RunFolder, open};
+use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, open};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -31,6 +33,13 @@ pub(crate) struct Arguments {
     settings: Settings,
     #[command(flatten)]
     work: Work,
+    /// Session (session.gpkg of an earlier run) to go on with: one trajectory, one map.
+    #[arg(long = "continue", value_name = "SESSION")]
+    earlier: Option<PathBuf>,
+    /// Where the robot is at the start of a drive that goes on: where the session ended, or anywhere. Else it is taken to
+    /// be where the session ended if the drive begins within seconds of it.
+    #[arg(long, value_name = "WHERE", requires = "earlier", default_value = "auto")]
+    start: Start,
     /// Folder of the results [default: runs/NAME-PRESET, after the data set].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -51,8 +60,8 @@ pub(crate) struct Work {
     /// Leave the floor unpainted.
     #[arg(long)]
     no_texture: bool,
-    /// Draw the map so far every so many seconds of the drive, and an animation. Each map is drawn anew
-    /// from all scans until then: the time grows with the square of the drive.
+    /// Draw the map so far every so many seconds of the drive, and an animation. Only what
+    /// changed is drawn anew.
     #[arg(long, value_name = "SECONDS", value_parser = number(0.001, 1e9))]
     snapshots: Option<f64>,
 }
@@ -81,6 +90,8 @@ pub(crate) struct Task<'a> {
     pub(crate) out: &'a Path,
     /// Whether an existing folder is replaced.
     pub(crate) force: bool,
+    /// Session to go on with, and where the robot is then.
+    pub(crate) earlier: Option<(&'a Path, Start)>,
 }
 
 /// Runs `floorprint run`.
@@ -97,6 +108,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         work: &arguments.work,
         out: &out,
         force: arguments.force,
+        earlier: arguments.earlier.as_deref().map(|path| (path, arguments.start)),
     };
     let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
     summary::print(&mut terminal.results(), &report, &out)?;
@@ -133,8 +145,24 @@ impl Task<'_> {
             terminal.note(note);
         }
 
+        let earlier = match self.earlier {
+            Some((path, start)) => Some(Earlier { session: SessionFile::open(path)?.load()?, start }),
+            None => None,
+        };
+        let mut keeper =
+            (config.filter.kind == FilterKind::RaoBlackwellized && config.loop_closure.enabled).then(|| {
+                let notes = vec![("config", config.to_toml()), ("input_sha256", data_set.input_hash.clone())];
+                SessionKeeper::beside(self.out, terminal, notes)
+            });
         let mut snapshots = self.work.snapshots.map(Snapshots::new);
-        let mut around = Surroundings { terminal, interrupt, profiler: &mut stopwatch, snapshots: snapshots.as_mut() };
+        let mut around = Surroundings {
+            terminal,
+            interrupt,
+            profiler: &mut stopwatch,
+            snapshots: snapshots.as_mut(),
+            session: keeper.as_mut(),
+            earlier,
+        };
         let solution = solve(&data_set, &config, !self.work.no_texture, &mut around)
             .with_context(|| format!("cannot solve {}", self.path.display()))?;
         if solution.partial && solution.trajectory.is_empty() {
@@ -151,6 +179,11 @@ impl Task<'_> {
             snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
         }
         run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
+        if let Some(keeper) = keeper {
+            let floor = solution.floor.as_ref().map(|floor| &floor.map);
+            let layers = Layers { session: &solution.session, map: &map, floor };
+            keeper.finish(&layers, &config.matcher, &folder.path().join("session.gpkg"))?;
+        }
         folder.finish()?;
         Ok(Some(report))
     }
@@ -172,7 +205,8 @@ mod tests {
         let (log, out) = (folder.path().join("drive.clf"), folder.path().join("runs/drive"));
         fs::write(&log, "FLASER 3 2.0 2.0 2.0 0 0 0 0 0 0 1.0 host 1.0\n").unwrap();
         let (settings, work) = (Settings::default(), Work::default());
-        let task = Task { path: &log, drive: None, settings: &settings, work: &work, out: &out, force: false };
+        let task =
+            Task { path: &log, drive: None, settings: &settings, work: &work, out: &out, force: false, earlier: None };
         let interrupt = Interrupt::default();
         interrupt.request();
         assert!(task.solve_and_write(&Terminal::new(true), &interrupt).unwrap().is_none());

@@ -5,7 +5,7 @@ use crate::figure::{DEAD_RECKONING, Figure, TRAJECTORY};
 use anyhow::Context as _;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
-use floorprint::{Frame, Slam, StepReport};
+use floorprint::{Slam, StepReport};
 use floorprint_io::{Picture, write_animated_png, write_png};
 use std::fs;
 use std::path::Path;
@@ -36,17 +36,10 @@ impl Snapshots {
     }
 
     /// Keeps the map when the next picture is due.
-    ///
-    /// `frames` gives the frames that were processed.
-    pub(crate) fn observe<I: Iterator<Item = Frame>>(
-        &mut self,
-        slam: &Slam,
-        steps: &[StepReport],
-        frames: impl FnOnce() -> I,
-    ) {
+    pub(crate) fn observe(&mut self, slam: &mut Slam, steps: &[StepReport]) {
         let Some(now) = steps.last() else { return };
         let due = self.moments.last().is_none_or(|last| now.stamp_s >= last.stamp_s + self.every_s);
-        if due && let Some(map) = slam.map(frames()).to_raster() {
+        if due && let Some(map) = slam.map().to_raster() {
             let trajectory = slam.trajectory();
             self.moments.push(Moment { stamp_s: now.stamp_s, map, steps: steps.len(), trajectory });
         }

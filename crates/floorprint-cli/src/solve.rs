@@ -1,18 +1,20 @@
 //! From a data set to a trajectory, a map and a floor: the work that `run` and `demo` share.
 
 use crate::interrupt::Interrupt;
+use crate::session_keeper::SessionKeeper;
 use crate::snapshots::Snapshots;
 use crate::stopwatch::ScanTimes;
 use crate::terminal::Terminal;
 use anyhow::{anyhow, ensure};
+use floorprint::back_end::{ClosureReport, Kidnapping};
 use floorprint::geometry::Pose2;
-use floorprint::loop_closure::{ClosureReport, Kidnapping};
 use floorprint::map::OccupancyGrid;
 use floorprint::odometry::{Frames, OdometryError, SynchronisationSummary, Trajectory};
 use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
+use floorprint::session::Session;
 use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
-use floorprint::{Config, Frame, Phase, Profiler, Slam, SlamError, StepReport};
+use floorprint::{Config, Phase, Profiler, Slam, SlamError, StepReport};
 use floorprint_io::{DataSet, ImageIndex};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -34,6 +36,8 @@ pub(crate) struct Solution {
     pub(crate) graph: Option<PoseGraph>,
     /// The true length of what the odometry states as one, where that was learnt.
     pub(crate) odometry_scale: Option<f64>,
+    /// All of it, to be gone on with.
+    pub(crate) session: Session,
     /// The occupancy grid.
     pub(crate) map: OccupancyGrid,
     /// The painted floor, where there were images.
@@ -79,6 +83,46 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) profiler: &'a mut dyn Profiler,
     /// Draws pictures on the way, where asked for.
     pub(crate) snapshots: Option<&'a mut Snapshots>,
+    /// Keeps what was seen so far safe.
+    pub(crate) session: Option<&'a mut SessionKeeper>,
+    /// What the drive goes on from.
+    pub(crate) earlier: Option<Earlier>,
+}
+
+/// A session that the drive goes on from.
+pub(crate) struct Earlier {
+    /// The session.
+    pub(crate) session: Session,
+    /// Where the robot is at the start of the drive.
+    pub(crate) start: Start,
+}
+
+/// Where a robot is that goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Start {
+    /// Where the session ended.
+    Last,
+    /// Anywhere: it is placed when the evidence suffices.
+    Unknown,
+    /// Where the session ended, if the drive begins within seconds of it; else anywhere.
+    Auto,
+}
+
+/// A drive that begins so soon after another goes on where that ended, seconds.
+const LONGEST_PAUSE_S: f64 = 10.0;
+
+impl Earlier {
+    /// A SLAM that goes on with the session; the drive's first scan has this stamp, seconds.
+    fn resume(self, first_stamp_s: Option<f64>, config: &Config) -> anyhow::Result<Slam> {
+        let last_s = self.session.poses().last().map(|stamped| stamped.stamp_s);
+        let pause_s = first_stamp_s.zip(last_s).map(|(first_s, last_s)| first_s - last_s);
+        let goes_on = pause_s.is_some_and(|pause_s| (0.0..=LONGEST_PAUSE_S).contains(&pause_s));
+        let mut slam = Slam::resume(self.session, config)?;
+        if self.start == Start::Unknown || (self.start == Start::Auto && !goes_on) {
+            slam.interrupt();
+        }
+        Ok(slam)
+    }
 }
 
 /// Runs the filter over a drive and paints the floor.
@@ -96,7 +140,11 @@ pub(crate) fn solve(
         OdometryError::NoScans { .. } => anyhow!("{error}: a map needs {}", data_set.format.scans),
         error => error.into(),
     })?;
-    let mut slam = Slam::new(config);
+    let goes_on = around.earlier.is_some();
+    let mut slam = match around.earlier.take() {
+        Some(earlier) => earlier.resume(frames.dead_reckoned_poses().next().map(|first| first.stamp_s), config)?,
+        None => Slam::new(config),
+    };
     let mut steps = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
     let mut scan_times = ScanTimes::default();
@@ -112,8 +160,12 @@ pub(crate) fn solve(
         }
         around.profiler.enter(Phase::Synchronise);
         let started = Instant::now();
-        if let Some(frame) = frames.frame(position) {
-            match slam.process(&frame, around.profiler) {
+        if let Some(mut frame) = frames.frame(position) {
+            if goes_on && steps.is_empty() {
+                // Nothing measured the motion between the two drives.
+                frame.motion = None;
+            }
+            match slam.process_profiled(&frame, around.profiler) {
                 Ok(step) => {
                     steps.push(step);
                     taken.push(position);
@@ -123,7 +175,10 @@ pub(crate) fn solve(
             }
             scan_times.add(started.elapsed().as_secs_f64());
             if let Some(snapshots) = &mut around.snapshots {
-                snapshots.observe(&slam, &steps, || at(&frames, &taken));
+                snapshots.observe(&mut slam, &steps);
+            }
+            if let Some(session) = &mut around.session {
+                session.observe(&mut slam, &config.matcher);
             }
         }
         progress.inc(1);
@@ -138,7 +193,7 @@ pub(crate) fn solve(
 
     let started = Instant::now();
     let odometry_scale = slam.odometry_scale();
-    let result = slam.finish(|| at(&frames, &taken), around.profiler);
+    let result = slam.finish_profiled(around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
     let dead_reckoned: Vec<StampedPose> = frames.dead_reckoned_poses().collect();
     let floor = match (&data_set.images, &config.robot.camera) {
@@ -157,6 +212,7 @@ pub(crate) fn solve(
         kidnappings: result.kidnappings,
         graph: result.graph,
         odometry_scale,
+        session: result.session,
         map: result.map,
         steps,
         floor,
@@ -165,11 +221,6 @@ pub(crate) fn solve(
         finish_s,
         partial,
     })
-}
-
-/// The frames at some positions.
-fn at<'a>(frames: &'a Frames<'_>, positions: &'a [usize]) -> impl Iterator<Item = Frame> + 'a {
-    positions.iter().filter_map(|&position| frames.frame(position))
 }
 
 /// Paints the floor from the images, read as they are needed.

@@ -17,6 +17,7 @@ const NOTE: Style = AnsiColor::Cyan.on_default().bold();
 pub(crate) const HEADING: Style = Style::new().bold();
 
 /// The user's terminal, or whatever stands in for it.
+#[derive(Clone)]
 pub(crate) struct Terminal {
     quiet: bool,
 }

@@ -110,6 +110,13 @@ pub(crate) fn decode_png(bytes: &[u8]) -> Result<Picture, String> {
     Ok(Picture { width, height, pixels })
 }
 
+/// A picture as the bytes of a PNG file.
+pub(crate) fn png_bytes(picture: &Picture) -> Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    encode_png(&mut bytes, picture, std::slice::from_ref(picture), 0.0)?;
+    Ok(bytes)
+}
+
 /// Writes a picture as a PNG file.
 ///
 /// # Errors

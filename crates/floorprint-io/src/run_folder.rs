@@ -40,6 +40,7 @@ impl Contents {
                 "texture.json",
                 "images.tum",
                 "config.toml",
+                "session.gpkg",
                 "snapshots/#.png",
                 "snapshots/animation.png",
             ],

@@ -8,7 +8,7 @@ use floorprint::evaluation::{RelationReport, WallSharpness};
 use floorprint::geometry::Pose2;
 use floorprint::odometry::Frames;
 use floorprint::sensors::Record;
-use floorprint::{Config, Frame, NoProfiler, Slam, SlamError, SlamResult};
+use floorprint::{Config, Frame, Slam, SlamError, SlamResult};
 use floorprint_io::{DropReason, OpenOptions, open, read_relations, read_trajectory};
 
 #[test]
@@ -35,9 +35,9 @@ fn every_scan_of_the_benchmark_logs_is_read() {
 fn solve(frames: &[Frame], config: &Config) -> Result<SlamResult, SlamError> {
     let mut slam = Slam::new(config);
     for frame in frames {
-        slam.process(frame, &mut NoProfiler)?;
+        slam.process(frame)?;
     }
-    Ok(slam.finish(|| frames.iter().cloned(), &mut NoProfiler))
+    Ok(slam.finish())
 }
 
 /// One configuration serves all logs: errors stay where they are (BENCHMARK.md), and walls that were seen on several
@@ -71,7 +71,7 @@ fn odometry_that_reads_too_long_is_noticed() {
     let config = Config::resolve(&[Layer::from_robot(&log.robot)]).unwrap();
     let mut slam = Slam::new(&config);
     for frame in Frames::new(&log.records, &config).unwrap().iter() {
-        slam.process(&frame, &mut NoProfiler).unwrap();
+        slam.process(&frame).unwrap();
     }
     let reads = 1.0 / slam.odometry_scale().unwrap();
     assert!((1.034..1.042).contains(&reads), "{reads}");

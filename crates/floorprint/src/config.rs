@@ -15,8 +15,8 @@ pub use layer::Layer;
 pub use options::{Choice, ConfigOption, Kind, Range, find_options, json_schema, options};
 pub use preset::Preset;
 
-use crate::filter::{FilterConfig, GrisettiConfig};
-use crate::loop_closure::LoopClosureConfig;
+use crate::back_end::LoopClosureConfig;
+use crate::front_end::{FilterConfig, GrisettiConfig};
 use crate::map::MapConfig;
 use crate::motion_model::MotionConfig;
 use crate::odometry::{OdometryConfig, ScanConfig};

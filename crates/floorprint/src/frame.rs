@@ -24,7 +24,7 @@ pub struct Frame {
 
 /// A scan's points in the body's frame, filtered by range and (where asked for) de-skewed
 /// to the body's pose at the scan's stamp.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct BodyScan {
     /// Where the LiDAR is in the body's frame, metres.
     pub origin_m: [f64; 2],
@@ -32,6 +32,15 @@ pub struct BodyScan {
     pub hits: Points,
     /// Up to where rays without a return are taken to be free; empty when they are ignored.
     pub free_ends: Points,
+}
+
+impl BodyScan {
+    /// How far from the body's origin the farthest point lies, metres.
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        let points = self.hits.iter().chain(self.free_ends.iter());
+        f64::from(points.map(|[x, y]| x * x + y * y).fold(0.0, f32::max).sqrt())
+    }
 }
 
 /// Points of the plane, stored by coordinate so that loops over them vectorise.

@@ -4,13 +4,15 @@
 //! sensors go in, poses and maps come out; the same input, configuration and seed
 //! give the same bytes for any number of threads.
 
+pub mod back_end;
+mod compact_scan;
 pub mod config;
 pub mod evaluation;
-pub mod filter;
 mod frame;
+pub mod front_end;
 pub mod geometry;
 mod ids;
-pub mod loop_closure;
+mod key_scan;
 pub mod map;
 pub mod motion_model;
 pub mod odometry;
@@ -19,12 +21,16 @@ mod profiler;
 pub mod random;
 pub mod scan_matcher;
 pub mod sensors;
+pub mod session;
 pub mod simulator;
 mod slam;
+pub mod surface;
 pub mod texture;
 
+pub use compact_scan::CompactScan;
 pub use config::Config;
 pub use frame::{BodyScan, Frame, Points};
 pub use ids::SensorId;
+pub use key_scan::{Interruption, KeyScan};
 pub use profiler::{NoProfiler, Phase, Profiler};
 pub use slam::{Slam, SlamError, SlamResult, StepReport};

@@ -1,14 +1,20 @@
 //! The one function that everything calls: a frame goes in, the best pose comes out.
 
-use crate::Config;
-use crate::filter::{FilterKind, FilterStep, GrisettiFilter, RaoBlackwellizedFilter, SharedMapFilter};
+use crate::back_end::{BackEnd, ClosureLoad, ClosureReport, Kidnapping, LoopClosureConfig, PlaceGraph};
+use crate::config::Config;
 use crate::frame::Frame;
+use crate::front_end::{FilterStep, FrontEnd, FrontEndState, ParticleFilter};
 use crate::geometry::Pose2;
-use crate::loop_closure::{ClosureLoad, ClosureReport, Kidnapping, LoopCloser, corrected_poses, map_of, refine};
+use crate::key_scan::{Interruption, KeyScan};
 use crate::map::OccupancyGrid;
 use crate::pose_graph::PoseGraph;
-use crate::profiler::{Phase, Profiler};
+use crate::profiler::{NoProfiler, Phase, Profiler};
+use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
+use crate::session::{Renderer, Session, SessionError};
+use crate::surface::SurfaceScan;
+use nalgebra::Matrix3;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// Why a frame could not be processed.
@@ -33,36 +39,17 @@ pub struct StepReport {
     pub stamp_s: f64,
     /// Dead reckoning, start from body.
     pub dead_reckoning: Pose2,
-    /// The best estimate of the body's pose as of now, world from body: the filter's, put right by
+    /// How the loops that were closed so far move the front end's frame: `world_from_odom` (the transform that REP 105
+    /// calls map→odom).
+    pub world_from_odom: Pose2,
+    /// The best estimate of the body's pose as of now, world from body: the front end's, put right by
     /// the loops that were closed so far.
     pub pose: Pose2,
-    /// Whether the robot seems to have been carried elsewhere and has not been found again: the pose is then not to
+    /// Whether the robot seems to have been kidnapped and has not been found again: the pose is then not to
     /// be relied on.
     pub is_lost: bool,
     /// What the filter says.
     pub filter: FilterStep,
-}
-
-/// Simultaneous localisation and mapping.
-#[derive(Debug)]
-pub struct Slam {
-    config: Config,
-    filter: Filter,
-}
-
-#[derive(Debug)]
-enum Filter {
-    SharedMap(SharedMapFilter),
-    RaoBlackwellized(RaoBlackwellizedFilter, Option<Box<LoopClosing>>),
-    Grisetti2007(GrisettiFilter),
-}
-
-/// Closing loops, and what the final map is made of.
-#[derive(Debug)]
-struct LoopClosing {
-    closer: LoopCloser,
-    /// Which frames' scans went into the filter's maps.
-    key_frames: Vec<usize>,
 }
 
 /// What a drive amounts to.
@@ -74,166 +61,245 @@ pub struct SlamResult {
     pub map: OccupancyGrid,
     /// Every comparison of two places, and what became of it.
     pub closures: Vec<ClosureReport>,
-    /// Where the robot was carried elsewhere, and whether it was found again.
+    /// Where the robot was kidnapped, and whether it was found again.
     pub kidnappings: Vec<Kidnapping>,
     /// The pose graph of the submaps, where loops are closed.
     pub graph: Option<PoseGraph>,
+    /// All of it, to be gone on with.
+    pub session: Session,
+}
+
+/// Simultaneous localisation and mapping.
+///
+/// The front end tracks the robot from scan to scan; what it writes into its map the session keeps; the back end
+/// finds places that were passed before and puts the session right.
+#[derive(Debug)]
+pub struct Slam {
+    front_end: FrontEnd,
+    session: Session,
+    back_end: Option<BackEnd>,
+    renderer: Renderer,
+    loop_closure: LoopClosureConfig,
+    matcher: MatcherConfig,
+    /// The session's poses are final up to this frame; from there on the front end may still change them.
+    settled: usize,
 }
 
 impl Slam {
     /// Nothing seen yet.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let filter = match config.filter.kind {
-            FilterKind::SharedMap => Filter::SharedMap(SharedMapFilter::new(config)),
-            FilterKind::RaoBlackwellized => {
-                let closing = config.loop_closure.enabled.then(|| LoopClosing {
-                    closer: LoopCloser::new(&config.loop_closure, &config.matcher),
-                    key_frames: Vec::new(),
-                });
-                Filter::RaoBlackwellized(RaoBlackwellizedFilter::new(config), closing.map(Box::new))
+        let front_end = FrontEnd::new(config);
+        let closes_loops = config.loop_closure.enabled && front_end.can_close_loops();
+        let places = closes_loops.then(|| PlaceGraph::new(config.loop_closure.submap_length_m, config.matcher.cell_m));
+        Self {
+            front_end,
+            session: Session::new(&config.map, places),
+            back_end: closes_loops.then(|| BackEnd::new(&config.loop_closure, &config.matcher)),
+            renderer: Renderer::new(&config.map),
+            loop_closure: config.loop_closure.clone(),
+            matcher: config.matcher.clone(),
+            settled: 0,
+        }
+    }
+
+    /// Goes on with a session, where it ended: the next frame is the one after its last, its odometry leads there from
+    /// the last frame's pose.
+    ///
+    /// # Errors
+    /// When the configured filter cannot go on, or the session holds no places or nothing of the front end.
+    pub fn resume(session: Session, config: &Config) -> Result<Self, SessionError> {
+        let fresh = Self::new(config);
+        let missing = SessionError(
+            "only filter.kind = \"rao_blackwellized\" with loop_closure.enabled can go on, with a session of its own",
+        );
+        let (Some(state), Some(places)) = (session.front_end(), session.places_so_far()) else { return Err(missing) };
+        if fresh.back_end.is_none() {
+            return Err(missing);
+        }
+        let settled = places.open_since().unwrap_or(0).min(session.frames());
+        let scans = session.scans();
+        let window: Vec<_> =
+            scans[scans.len() - state.window_scans()..].iter().map(|scan| scan.points.clone()).collect();
+        let filter = ParticleFilter::resume(config, state, &window, settled, &session.poses()[settled..]);
+        let mut slam = Self { front_end: FrontEnd::RaoBlackwellized(filter), session, settled, ..fresh };
+        slam.session.reopen();
+        Ok(slam)
+    }
+
+    /// Takes it that the next frame may be from anywhere: a new drive begins, or the robot was switched off and may have
+    /// been moved. It is tracked in a map of its own, and placed on the old one when the evidence suffices.
+    pub fn interrupt(&mut self) {
+        self.front_end.interrupt();
+    }
+
+    /// Appends another session, as a drive whose place on this one is open: it is placed when the evidence suffices, and
+    /// else kept apart (see [`SlamResult::kidnappings`]). What comes after it is a drive of its own again.
+    ///
+    /// # Errors
+    /// As [`resume`](Self::resume).
+    pub fn append(mut self, other: &Session, config: &Config) -> Result<Self, SessionError> {
+        let _ = self.session();
+        let Self { front_end, mut session, back_end, .. } = self;
+        let mut back_end = back_end.ok_or(SessionError("loops are not closed, so that nothing can be placed"))?;
+        let offset = session.frames();
+        let start = session.poses().last().map_or(Pose2::IDENTITY, |last| last.pose);
+        let mut poses: Vec<Pose2> = session.poses().iter().map(|stamped| stamped.pose).collect();
+        for (stamped, pose) in other.poses().iter().zip(other.world_from_bodies()) {
+            poses.push(start.compose(&pose));
+            session.push(StampedPose { stamp_s: stamped.stamp_s, pose: start.compose(&pose) });
+        }
+        let thinning = config.matcher.thinning();
+        let mut interruption = Some(Interruption { frame: offset, is_certain: true });
+        for scan in other.scans() {
+            let key_scan = KeyScan {
+                frame: offset + scan.frame,
+                pose: poses[offset + scan.frame],
+                covariance: Matrix3::zeros(),
+                scan: Arc::new(SurfaceScan::new(&scan.points.unpack(), &thinning)),
+                points: scan.points.clone(),
+                interruption: interruption.take(),
+            };
+            let newest = key_scan.frame;
+            session.add_key_scan(key_scan, |frame| poses[frame..=newest].to_vec());
+            if let Some(places) = session.places_mut() {
+                while back_end.work(places) {}
             }
-            FilterKind::Grisetti2007 => Filter::Grisetti2007(GrisettiFilter::new(config)),
-        };
-        Self { config: config.clone(), filter }
+        }
+        session.set_front_end(front_end.state().map(FrontEndState::interrupted));
+        Self::resume(session, config)
     }
 
     /// Takes in one frame.
     ///
     /// # Errors
     /// When the odometry or a point of the frame is not finite; nothing was changed then.
-    pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> Result<StepReport, SlamError> {
-        let points = &frame.scan.hits;
-        let scan_is_finite = points.x_m.iter().chain(&points.y_m).all(|coordinate| coordinate.is_finite());
-        if !scan_is_finite || frame.motion.is_some_and(|motion| !motion.is_finite()) {
-            return Err(SlamError::NotFinite { index: frame.index, stamp_s: frame.stamp_s });
+    pub fn process(&mut self, frame: &Frame) -> Result<StepReport, SlamError> {
+        self.process_profiled(frame, &mut NoProfiler)
+    }
+
+    /// The same, telling `profiler` what it is at.
+    ///
+    /// # Errors
+    /// As [`process`](Self::process).
+    pub fn process_profiled(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> Result<StepReport, SlamError> {
+        check(frame)?;
+        // 1. Track: where does the scan fit what was seen lately?
+        let step = self.front_end.process(frame, profiler);
+        // 2. Remember the pose and, where it shows something new, the scan.
+        self.session.push(StampedPose { stamp_s: frame.stamp_s, pose: step.pose });
+        self.remember_scan();
+        // 3. Close loops: one bounded piece of the work with each frame.
+        profiler.enter(Phase::LoopClosure);
+        if let (Some(back_end), Some(places)) = (&mut self.back_end, self.session.places_mut()) {
+            back_end.work(places);
         }
-        let (step, correction, is_lost) = match &mut self.filter {
-            Filter::SharedMap(filter) => (filter.process(frame, profiler), None, false),
-            Filter::Grisetti2007(filter) => (filter.process(frame, profiler), None, false),
-            Filter::RaoBlackwellized(filter, closing) => {
-                let step = filter.process(frame, profiler);
-                let correction = closing.as_mut().map(|closing| {
-                    profiler.enter(Phase::LoopClosure);
-                    if let Some(key_scan) = filter.take_key_scan() {
-                        closing.key_frames.push(key_scan.frame);
-                        closing.closer.add(key_scan, |frame| filter.poses_since(frame));
-                    }
-                    closing.closer.work();
-                    closing.closer.correction()
-                });
-                let is_lost = closing.as_ref().is_some_and(|closing| closing.closer.is_lost());
-                (step, correction, is_lost)
-            }
-        };
+        // 4. Place: where in the world is the front end's frame?
+        let places = self.session.places();
+        let world_from_odom = places.map_or(Pose2::IDENTITY, PlaceGraph::correction);
         Ok(StepReport {
             index: frame.index,
             stamp_s: frame.stamp_s,
             dead_reckoning: frame.dead_reckoning,
-            pose: correction.map_or(step.pose, |correction| correction.compose(&step.pose)),
-            is_lost,
+            world_from_odom,
+            pose: world_from_odom.compose(&step.pose),
+            is_lost: places.is_some_and(PlaceGraph::is_lost),
             filter: step,
         })
+    }
+
+    /// Hands what the front end wrote into its map to the session.
+    fn remember_scan(&mut self) {
+        let (front_end, session) = (&mut self.front_end, &mut self.session);
+        let Some(key_scan) = front_end.take_key_scan() else {
+            if let (Some(points), Some(_)) = (front_end.points(), &self.back_end) {
+                session.add_scan_between(points);
+            }
+            return;
+        };
+        if !session.add_key_scan(key_scan, |frame| front_end.poses_since(frame)) {
+            return;
+        }
+        // A submap has ended: from now on its poses are the session's.
+        session.set_poses(self.settled, &front_end.poses_since(self.settled));
+        self.settled = session.places().and_then(PlaceGraph::open_since).unwrap_or(self.settled);
+        front_end.forget_poses_before(self.settled);
+    }
+
+    /// All that outlives a step, as of now.
+    #[must_use]
+    pub fn session(&mut self) -> &Session {
+        self.session.set_poses(self.settled, &self.front_end.poses_since(self.settled));
+        self.session.set_front_end(self.front_end.state());
+        &self.session
     }
 
     /// What closing loops works with now, where loops are closed.
     #[must_use]
     pub fn closure_load(&self) -> Option<ClosureLoad> {
-        match &self.filter {
-            Filter::RaoBlackwellized(_, Some(closing)) => Some(closing.closer.load()),
-            _ => None,
-        }
+        self.session.places().map(PlaceGraph::load)
     }
 
     /// The true length of what the odometry states as one, where the filter learns it; 1 as long as nothing is known.
     #[must_use]
     pub fn odometry_scale(&self) -> Option<f64> {
-        match &self.filter {
-            Filter::RaoBlackwellized(filter, _) => Some(filter.odometry_scale()),
-            _ => None,
-        }
-    }
-
-    /// The occupancy grid so far. `frames` are the frames that were processed, once more.
-    ///
-    /// The report's filter has drawn its map along the way; the other filters' maps are made for
-    /// matching, so that the grid is drawn along the trajectory that is the best now (of the
-    /// scans that were matched, where a filter does not match all).
-    #[must_use]
-    pub fn map(&self, frames: impl Iterator<Item = Frame>) -> OccupancyGrid {
-        match &self.filter {
-            Filter::SharedMap(filter) => filter.map().clone(),
-            Filter::RaoBlackwellized(..) => OccupancyGrid::along(&self.trajectory(), frames, &self.config.map),
-            Filter::Grisetti2007(filter) => {
-                let trajectory = filter.trajectory();
-                let poses: Vec<StampedPose> = filter.matched().iter().map(|&position| trajectory[position]).collect();
-                let mut due = filter.matched().iter().peekable();
-                let frames = frames.enumerate().filter(|(position, _)| due.next_if_eq(&position).is_some());
-                OccupancyGrid::along(&poses, frames.map(|(_, frame)| frame), &self.config.map)
-            }
-        }
+        self.front_end.odometry_scale()
     }
 
     /// The trajectory so far, of the particle that is the best now, put right by the loops that were closed so far.
     #[must_use]
-    pub fn trajectory(&self) -> Vec<StampedPose> {
-        match &self.filter {
-            Filter::SharedMap(filter) => filter.trajectory(),
-            Filter::Grisetti2007(filter) => filter.trajectory(),
-            Filter::RaoBlackwellized(filter, None) => filter.trajectory(),
-            Filter::RaoBlackwellized(filter, Some(closing)) => {
-                let mut trajectory = filter.trajectory();
-                let poses = corrected_poses(&poses_of(&trajectory), &closing.closer.anchors());
-                set_poses(&mut trajectory, &poses);
-                trajectory
-            }
-        }
+    pub fn trajectory(&mut self) -> Vec<StampedPose> {
+        self.session().trajectory()
     }
 
-    /// The final trajectory and map. `frames` are the frames that were processed, once more.
+    /// The occupancy grid so far.
     ///
-    /// Here the last loops are closed: the drive is put right by places recognised again, every scan is
-    /// fitted to the map of all of them, and the grid is drawn along the result.
+    /// The report's filter has drawn its map along the way; the other filters' maps are made for
+    /// matching, so that the grid is drawn of the key scans along the trajectory that is the best now. Only what
+    /// changed since the last time is drawn, and what moved by less than a quarter of a cell stays where it was.
     #[must_use]
-    pub fn finish<I: Iterator<Item = Frame>>(self, frames: impl Fn() -> I, profiler: &mut dyn Profiler) -> SlamResult {
-        let (filter, LoopClosing { closer, key_frames }) = match self.filter {
-            Filter::RaoBlackwellized(filter, Some(closing)) => (filter, *closing),
-            _ => {
-                profiler.enter(Phase::Map);
-                let (map, trajectory) = (self.map(frames()), self.trajectory());
-                return SlamResult { map, trajectory, closures: Vec::new(), kidnappings: Vec::new(), graph: None };
-            }
-        };
+    pub fn map(&mut self) -> &OccupancyGrid {
+        self.session.set_poses(self.settled, &self.front_end.poses_since(self.settled));
+        match self.front_end.drawn_map() {
+            Some(map) => map,
+            None => self.session.draw(&mut self.renderer),
+        }
+    }
+
+    /// The final trajectory and map: the last loops are closed, all key scans are fitted to each other, and the grid is
+    /// drawn along the result.
+    #[must_use]
+    pub fn finish(self) -> SlamResult {
+        self.finish_profiled(&mut NoProfiler)
+    }
+
+    /// The same, telling `profiler` what it is at.
+    #[must_use]
+    pub fn finish_profiled(mut self, profiler: &mut dyn Profiler) -> SlamResult {
         profiler.enter(Phase::LoopClosure);
-        let mut trajectory = filter.trajectory();
-        drop(filter);
-        let closed = closer.finish();
-        let mut poses = corrected_poses(&poses_of(&trajectory), &closed.anchors);
-        let matcher = &self.config.matcher;
-        for _ in 0..self.config.loop_closure.refinements {
-            poses = refine(&map_of(&key_frames, frames(), &poses, matcher), frames(), &poses, matcher);
+        let _ = self.session();
+        if let Some(back_end) = self.back_end.take() {
+            self.session.finish(back_end, self.loop_closure.refinements, &self.matcher);
         }
-        set_poses(&mut trajectory, &poses);
         profiler.enter(Phase::Map);
-        let map = OccupancyGrid::along(&trajectory, frames(), &self.config.map);
+        let map = self.front_end.drawn_map().cloned().unwrap_or_else(|| self.session.map());
+        let places = self.session.places();
         SlamResult {
-            trajectory,
+            trajectory: self.session.trajectory(),
             map,
-            closures: closed.closures,
-            kidnappings: closed.kidnappings,
-            graph: Some(closed.graph),
+            closures: places.map(PlaceGraph::reports).unwrap_or_default(),
+            kidnappings: places.map(PlaceGraph::kidnappings).unwrap_or_default(),
+            graph: places.map(PlaceGraph::graph),
+            session: self.session,
         }
     }
 }
 
-fn poses_of(trajectory: &[StampedPose]) -> Vec<Pose2> {
-    trajectory.iter().map(|stamped| stamped.pose).collect()
-}
-
-/// Sets a trajectory's poses, moved so that the first is the identity.
-fn set_poses(trajectory: &mut [StampedPose], poses: &[Pose2]) {
-    let start = poses.first().copied().unwrap_or(Pose2::IDENTITY);
-    for (stamped, pose) in trajectory.iter_mut().zip(poses) {
-        stamped.pose = start.between(pose);
+fn check(frame: &Frame) -> Result<(), SlamError> {
+    let points = &frame.scan.hits;
+    let scan_is_finite = points.x_m.iter().chain(&points.y_m).all(|coordinate| coordinate.is_finite());
+    if !scan_is_finite || frame.motion.is_some_and(|motion| !motion.is_finite()) {
+        return Err(SlamError::NotFinite { index: frame.index, stamp_s: frame.stamp_s });
     }
+    Ok(())
 }

@@ -21,7 +21,7 @@ use floorprint::geometry::Pose2;
 use floorprint::odometry::Frames;
 use floorprint::sensors::{Record, Records, StampedPose};
 use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
-use floorprint::{Config, NoProfiler, Slam};
+use floorprint::{Config, Slam};
 use std::borrow::Cow;
 use std::io::Write as _;
 use std::process::Command;
@@ -154,12 +154,12 @@ fn solve(drive: &SimulatedDrive, config: &Config, compare_maps: bool) -> anyhow:
     for position in 0..frames.len() {
         let before_s = clock();
         if let Some(frame) = frames.frame(position) {
-            slam.process(&frame, &mut NoProfiler)?;
+            slam.process(&frame)?;
         }
         scan_times.add(clock() - before_s);
     }
     let live_s = clock();
-    let result = slam.finish(|| frames.iter(), &mut NoProfiler);
+    let result = slam.finish();
     let finish_s = clock() - live_s;
     let cpu_s = clock() - started_s;
     let peak_memory_bytes = memory.peak_beyond_bytes();

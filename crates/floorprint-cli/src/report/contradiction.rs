@@ -37,12 +37,13 @@ impl Contradiction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use floorprint::filter::FilterStep;
+    use floorprint::front_end::FilterStep;
     use floorprint::geometry::Pose2;
 
     #[test]
     fn contradictions_close_in_time_are_one_stretch() {
         let step = |index: usize, odometry_rejected| StepReport {
+            world_from_odom: Pose2::IDENTITY,
             index,
             stamp_s: 0.5 * index as f64,
             dead_reckoning: Pose2::IDENTITY,

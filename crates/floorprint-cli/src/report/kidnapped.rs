@@ -1,6 +1,6 @@
 //! Where the robot was carried elsewhere during the drive.
 
-use floorprint::loop_closure::Kidnapping;
+use floorprint::back_end::Kidnapping;
 use floorprint::sensors::StampedPose;
 use serde::Serialize;
 
@@ -59,8 +59,8 @@ impl Kidnapped {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use floorprint::back_end::Found;
     use floorprint::geometry::Pose2;
-    use floorprint::loop_closure::Found;
 
     #[test]
     fn a_line_says_when_and_whether_and_where_the_robot_was_found() {

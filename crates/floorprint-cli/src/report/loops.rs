@@ -1,6 +1,6 @@
 //! What came of comparing places that a drive passed more than once.
 
-use floorprint::loop_closure::{ClosureReport, Verdict};
+use floorprint::back_end::{ClosureReport, Verdict};
 use floorprint::sensors::StampedPose;
 use serde::Serialize;
 

@@ -2,9 +2,11 @@
 //! copying and writing of maps.
 
 use floorprint::geometry::Pose2;
-use floorprint::map::{Cell, MapConfig, OccupancyGrid, SurfaceMap, passed_cells};
+use floorprint::map::{Cell, MapConfig, OccupancyGrid, passed_cells};
+use floorprint::surface::{SurfaceMap};
 use floorprint::odometry::Frames;
-use floorprint::scan_matcher::{MatcherConfig, PoseBelief, SearchWindow, SurfaceScan, match_scan, search};
+use floorprint::scan_matcher::{MatcherConfig, PoseBelief, SearchWindow, match_scan, search};
+use floorprint::surface::{SurfaceScan};
 use floorprint::simulator::{SimulationConfig, World, simulate};
 use floorprint::{BodyScan, Config};
 use nalgebra::Matrix3;
@@ -47,7 +49,7 @@ impl Inputs {
         let frames = Frames::new(&records, &config)?;
         let body_scan = frames.iter().next().ok_or("the drive has no scan")?.scan;
         let matcher = MatcherConfig::default();
-        let scan = SurfaceScan::new(&body_scan, &matcher);
+        let scan = SurfaceScan::new(&body_scan, &matcher.thinning());
         let mut map = SurfaceMap::new(matcher.cell_m);
         map.add_scan(&Pose2::IDENTITY, &scan);
         let written = map.clone();
@@ -69,7 +71,7 @@ impl Inputs {
 
     /// The surfaces and normals of a scan.
     pub fn surfaces(&mut self) {
-        black_box(SurfaceScan::new(black_box(&self.body_scan), &self.matcher));
+        black_box(SurfaceScan::new(black_box(&self.body_scan), &self.matcher.thinning()));
     }
 
     /// A scan matched to the map, from 6 cm and 1° off.

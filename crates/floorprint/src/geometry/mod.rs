@@ -1,6 +1,7 @@
 //! Poses, angles and sensor mounts.
 
 mod angle;
+pub(crate) mod covariance;
 mod pose2;
 mod pose3;
 

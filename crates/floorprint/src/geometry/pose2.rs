@@ -7,10 +7,10 @@
 
 use super::angle::wrap_angle;
 use nalgebra::{Matrix3, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A pose in the plane: a translation in metres and a heading in radians.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Pose2 {
     /// Position along the parent frame's x axis, metres.
     pub x: f64,

@@ -1,13 +1,14 @@
 //! The occupancy grid: independent cells in log-odds (report §III.A.2, eqs. 6–7).
 
 use super::MapConfig;
+use super::TileRectangle;
 use super::cell::Cell;
 use super::raster::{Occupancy, Raster};
 use super::ray::TiledRay;
 use super::tile_grid::{TILE_CELLS, TILE_SIDE, TileGrid, cell_in_tile, index_in_tile, tile_of};
-use crate::frame::{BodyScan, Frame};
+use crate::frame::BodyScan;
 use crate::geometry::Pose2;
-use crate::sensors::StampedPose;
+use std::collections::BTreeSet;
 
 /// Log-odds are kept as 16-bit numbers in steps of 1/256.
 const STEPS_PER_UNIT: f64 = 256.0;
@@ -57,26 +58,6 @@ impl OccupancyGrid {
         }
     }
 
-    /// The grid that scans draw along a trajectory: `frames` and `trajectory` match one to one.
-    ///
-    /// A robot that stands still sees the same again; such scans are left out.
-    #[must_use]
-    pub fn along(trajectory: &[StampedPose], frames: impl Iterator<Item = Frame>, config: &MapConfig) -> Self {
-        let mut grid = Self::new(config);
-        let mut drawn: Option<Pose2> = None;
-        for (stamped, frame) in trajectory.iter().zip(frames) {
-            let moved = drawn.is_none_or(|last| {
-                let step = last.between(&stamped.pose);
-                step.distance() > config.redraw_distance_m || step.theta.abs() > config.redraw_angle_rad
-            });
-            if moved {
-                grid.draw(&stamped.pose, &frame.scan, &mut |_| {});
-                drawn = Some(stamped.pose);
-            }
-        }
-        grid
-    }
-
     /// Side of a cell, metres.
     #[must_use]
     pub fn resolution_m(&self) -> f64 {
@@ -111,11 +92,40 @@ impl OccupancyGrid {
     /// the cells in which they end more occupied. Every cell that changes sides is
     /// appended to `flips`, in the order of the changes.
     pub fn add_scan(&mut self, world_from_body: &Pose2, scan: &BodyScan, flips: &mut Vec<Flip>) {
-        self.draw(world_from_body, scan, &mut |flip| flips.push(flip));
+        self.draw(world_from_body, scan, |_| true, &mut |flip| flips.push(flip));
     }
 
-    /// Writes a scan and hands every cell that changes sides to `flipped`.
-    fn draw(&mut self, world_from_body: &Pose2, scan: &BodyScan, flipped: &mut impl FnMut(Flip)) {
+    /// Writes a scan taken at `world_from_body`.
+    pub fn draw_scan(&mut self, world_from_body: &Pose2, scan: &BodyScan) {
+        self.draw(world_from_body, scan, |_| true, &mut |_| {});
+    }
+
+    /// Writes of a scan what lies on some tiles.
+    pub fn draw_scan_within(&mut self, world_from_body: &Pose2, scan: &BodyScan, tiles: &BTreeSet<Cell>) {
+        self.draw(world_from_body, scan, |tile| tiles.contains(&tile), &mut |_| {});
+    }
+
+    /// Tiles that a scan may touch.
+    #[must_use]
+    pub fn tiles_around(&self, world_from_body: &Pose2, scan: &BodyScan) -> TileRectangle {
+        let tile_at = |point_m: [f64; 2]| tile_of(self.cell_at(world_from_body.transform_point(point_m)));
+        let points = scan.hits.iter().chain(scan.free_ends.iter());
+        TileRectangle::around(tile_at(scan.origin_m), points.map(|point| tile_at(point.map(f64::from))))
+    }
+
+    /// Forgets what is known of some tiles.
+    pub fn forget(&mut self, tiles: &BTreeSet<Cell>) {
+        tiles.iter().for_each(|&tile| self.tiles.remove(tile));
+    }
+
+    /// Writes of a scan what lies on tiles that are wanted, and hands every cell that changes sides to `flipped`.
+    fn draw(
+        &mut self,
+        world_from_body: &Pose2,
+        scan: &BodyScan,
+        is_wanted: impl Fn(Cell) -> bool,
+        flipped: &mut impl FnMut(Flip),
+    ) {
         let inverse_resolution = 1.0 / self.resolution_m;
         let (sin, cos) = world_from_body.theta.sin_cos();
         let cell_of = |[x, y]: [f32; 2]| {
@@ -131,11 +141,13 @@ impl OccupancyGrid {
             } else {
                 end
             };
-            self.pass_along(origin, passed_to, flipped);
-            self.add(end, self.hit, flipped);
+            self.pass_along(origin, passed_to, &is_wanted, flipped);
+            if is_wanted(tile_of(end)) {
+                self.add(end, self.hit, flipped);
+            }
         }
         for point in scan.free_ends.iter() {
-            self.pass_along(origin, cell_of(point), flipped);
+            self.pass_along(origin, cell_of(point), &is_wanted, flipped);
         }
     }
 
@@ -150,7 +162,7 @@ impl OccupancyGrid {
     }
 
     /// Takes the pass's log-odds off the cells from `from` up to, not including, `to`.
-    fn pass_along(&mut self, from: Cell, to: Cell, flipped: &mut impl FnMut(Flip)) {
+    fn pass_along(&mut self, from: Cell, to: Cell, is_wanted: &impl Fn(Cell) -> bool, flipped: &mut impl FnMut(Flip)) {
         let (pass, limit) = (self.pass, self.limit);
         // Between two cells that the grid holds it holds them all.
         if !self.tiles.make_room(tile_of(from)) || !self.tiles.make_room(tile_of(to)) {
@@ -159,6 +171,10 @@ impl OccupancyGrid {
         let mut ray = TiledRay::new(from, to);
         while let Some(next) = ray.next_cell() {
             let at = tile_of(next);
+            if !is_wanted(at) {
+                ray.pass_tile(|_| {});
+                continue;
+            }
             // Each tile along the ray is looked up once.
             let Some(tile) = self.tiles.tile_mut(at) else { return };
             ray.pass_tile(|index| {

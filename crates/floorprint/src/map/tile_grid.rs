@@ -89,6 +89,13 @@ impl<T> TileGrid<T> {
             .then(|| (row * self.columns + column) as usize)
     }
 
+    /// Forgets the tile at these tile coordinates.
+    pub fn remove(&mut self, at: Cell) {
+        if let Some(index) = self.index_of(at) {
+            self.tiles[index] = None;
+        }
+    }
+
     /// Makes the directory hold the tile coordinates `at`; tells whether it does. It does not
     /// where the rectangle around all tiles would grow beyond reason.
     #[inline]

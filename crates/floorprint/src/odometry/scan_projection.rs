@@ -167,6 +167,7 @@ fn ray_offsets_s(geometry: &ScanGeometry, lidar: &LidarConfig) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::SensorId;
     use crate::geometry::Mount;
     use proptest::prelude::*;
     use std::f64::consts::{FRAC_PI_2, PI};

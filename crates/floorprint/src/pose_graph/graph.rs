@@ -3,10 +3,11 @@
 use super::RobustKernel;
 use crate::geometry::Pose2;
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// A measured pose of one node in the frame of another.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BetweenFactor {
     /// The node in whose frame was measured.
     pub from: usize,
@@ -25,7 +26,7 @@ pub struct BetweenFactor {
 }
 
 /// A measured pose of a node in the world.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PriorFactor {
     /// The node that was measured.
     pub node: usize,
@@ -79,7 +80,7 @@ const LARGEST: f64 = 1e30;
 const ROUNDING: f64 = 1e-9;
 
 /// Nodes with their current estimates, and the factors between them.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct PoseGraph {
     pub(super) poses: Vec<Pose2>,
     pub(super) between: Vec<BetweenFactor>,
@@ -118,6 +119,15 @@ impl PoseGraph {
         self.check(factor.node, &factor.world_from_node, &factor.information)?;
         self.priors.push(factor);
         Ok(self.priors.len() - 1)
+    }
+
+    /// Whether it could have been built by adding its nodes and factors: what comes from a file need not be so.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let mut built = Self { poses: self.poses.clone(), ..Self::default() };
+        self.poses.iter().all(Pose2::is_finite)
+            && self.between.iter().all(|factor| built.add_between(factor.clone()).is_ok())
+            && self.priors.iter().all(|factor| built.add_prior(factor.clone()).is_ok())
     }
 
     fn check(&self, node: usize, measurement: &Pose2, information: &Matrix3<f64>) -> Result<(), PoseGraphError> {

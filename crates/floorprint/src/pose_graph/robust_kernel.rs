@@ -1,10 +1,10 @@
 //! Robust kernels: how much a factor counts, given how badly it fits.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A function ρ of a factor's squared Mahalanobis error s. The factor costs ½ ρ(s), and
 /// the optimiser weights it with ρ′(s) (iteratively reweighted least squares).
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RobustKernel {
     /// ρ(s) = s: the factor is trusted whatever it says.

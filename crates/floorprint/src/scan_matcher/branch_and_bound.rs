@@ -7,8 +7,8 @@
 //! exhaustive search.
 
 use super::correlative::SearchWindow;
-use super::surface_scan::SurfaceScan;
 use crate::geometry::{Pose2, wrap_angle};
+use crate::surface::SurfaceScan;
 
 /// Side of a cell of the finest grid, metres: also the step of the search in x and y.
 const CELL_M: f64 = 0.1;
@@ -326,8 +326,8 @@ fn is_elsewhere(a: &Pose2, b: &Pose2) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scan_matcher::MatcherConfig;
     use crate::scan_matcher::synthetic::Walls;
+    use crate::surface::Thinning;
     use proptest::prelude::*;
 
     /// Points without direction.
@@ -375,9 +375,9 @@ mod tests {
     #[test]
     fn a_scan_taken_elsewhere_is_found_where_it_was_taken() {
         let room = Walls::room();
-        let map = SurfaceScan::new(&room.scan_from(&Pose2::IDENTITY, 720), &MatcherConfig::default());
+        let map = SurfaceScan::new(&room.scan_from(&Pose2::IDENTITY, 720), &Thinning::default());
         let there = Pose2::new(0.8, -0.6, 2.3);
-        let scan = SurfaceScan::new(&room.scan_from(&there, 720), &MatcherConfig::default());
+        let scan = SurfaceScan::new(&room.scan_from(&there, 720), &Thinning::default());
         let search = PlaceSearch::new(&map);
         let found =
             search.find(&scan, &Pose2::IDENTITY, &PlaceQuery { most: 3, margin: 0.1, ..query(2.0, 3.2) }).unwrap();

@@ -1,5 +1,6 @@
 //! `[matcher]`.
 
+use crate::surface::Thinning;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -58,12 +59,20 @@ pub struct MatcherConfig {
     pub search_angle_rad: f64,
 }
 
+impl MatcherConfig {
+    /// How many points of a scan are matched.
+    #[must_use]
+    pub fn thinning(&self) -> Thinning {
+        Thinning { point_spacing_m: self.point_spacing_m, max_points: self.max_points }
+    }
+}
+
 impl Default for MatcherConfig {
     fn default() -> Self {
         Self {
             cell_m: 0.05,
-            point_spacing_m: 0.03,
-            max_points: 300,
+            point_spacing_m: Thinning::default().point_spacing_m,
+            max_points: Thinning::default().max_points,
             iterations: 12,
             stop_step_m: 2e-4,
             stop_step_rad: 1e-4,

@@ -4,9 +4,10 @@
 //! fit around its prediction fails, the whole neighbourhood is looked at, coarsely, and the
 //! best places are handed to the finer matcher.
 
-use super::SurfaceScan;
 use crate::geometry::Pose2;
-use crate::map::{Cell, ProximityField, SurfaceMap};
+use crate::map::Cell;
+use crate::surface::SurfaceScan;
+use crate::surface::{ProximityField, SurfaceMap};
 use std::cmp::Reverse;
 
 /// The poses to look at.

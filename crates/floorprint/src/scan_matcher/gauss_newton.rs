@@ -4,9 +4,11 @@
 //! instead of a search; robust weights are Cauchy's. The odometry enters as a prior, so that
 //! directions in which the scan says nothing (corridors) are left to it.
 
-use super::{MatcherConfig, SurfaceScan};
+use super::MatcherConfig;
 use crate::geometry::{Pose2, wrap_angle};
-use crate::map::{Cell, SurfaceMap};
+use crate::map::Cell;
+use crate::surface::SurfaceMap;
+use crate::surface::SurfaceScan;
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
 /// A Gaussian belief about a pose: the mean, and the information matrix over (x, y, θ) in the

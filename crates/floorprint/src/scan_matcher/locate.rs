@@ -2,8 +2,9 @@
 
 use super::correlative::{SearchWindow, search};
 use super::gauss_newton::match_scan_against;
-use super::{MatchResult, MatcherConfig, PoseBelief, SurfaceScan, match_scan};
-use crate::map::SurfaceMap;
+use super::{MatchResult, MatcherConfig, PoseBelief, match_scan};
+use crate::surface::SurfaceMap;
+use crate::surface::SurfaceScan;
 use std::f64::consts::FRAC_PI_2;
 
 /// Odometry that the scan contradicts by more than this many standard deviations is taken to be wrong.

@@ -5,7 +5,6 @@ mod config;
 mod correlative;
 mod gauss_newton;
 mod locate;
-mod surface_scan;
 #[cfg(test)]
 pub(crate) mod synthetic;
 #[cfg(test)]
@@ -16,4 +15,3 @@ pub use config::MatcherConfig;
 pub use correlative::{SearchWindow, search};
 pub use gauss_newton::{MatchResult, PoseBelief, inlier_share, match_scan, outliers, without_hearsay};
 pub use locate::{OdometryVerdict, locate};
-pub use surface_scan::SurfaceScan;

@@ -2,11 +2,11 @@
 
 use super::OdometryVerdict;
 use super::synthetic::Walls;
-use super::{MatcherConfig, PoseBelief, SurfaceScan, locate, match_scan, without_hearsay};
+use super::{MatcherConfig, PoseBelief, locate, match_scan, without_hearsay};
 use crate::frame::BodyScan;
 use crate::geometry::{Pose2, wrap_angle};
-use crate::map::SurfaceMap;
 use crate::random::{Stage, generator};
+use crate::surface::{SurfaceMap, SurfaceScan, Thinning};
 use nalgebra::Matrix3;
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
@@ -16,13 +16,13 @@ fn map_seen_from(walls: &Walls, poses: &[Pose2]) -> SurfaceMap {
     let config = MatcherConfig::default();
     let mut map = SurfaceMap::new(config.cell_m);
     for pose in poses {
-        map.add_scan(pose, &SurfaceScan::new(&walls.scan_from(pose, 720), &config));
+        map.add_scan(pose, &SurfaceScan::new(&walls.scan_from(pose, 720), &config.thinning()));
     }
     map
 }
 
 fn scan(walls: &Walls, pose: &Pose2) -> SurfaceScan {
-    SurfaceScan::new(&walls.scan_from(pose, 541), &MatcherConfig::default())
+    SurfaceScan::new(&walls.scan_from(pose, 541), &Thinning::default())
 }
 
 fn belief(pose: Pose2, sigma_m: f64, sigma_rad: f64) -> PoseBelief {
@@ -52,7 +52,7 @@ fn thinning_does_not_prefer_points_by_their_noise() {
             let range_m = 1.0 / angle.sin() + 0.01 * noise_m;
             scan.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
         }
-        for ([x, y], _) in SurfaceScan::new(&scan, &MatcherConfig::default()).iter() {
+        for ([x, y], _) in SurfaceScan::new(&scan, &Thinning::default()).iter() {
             slope += f64::from(x * (y - 1.0));
             spread += f64::from(x * x);
         }
@@ -122,7 +122,7 @@ fn a_handful_of_points_does_not_overrule_the_odometry() {
     (0..5).for_each(|k| few.hits.push(1.0, 0.05 * k as f32));
     let prior = belief(Pose2::new(0.0, 0.0, 0.0), 0.05, 0.05);
     let (config, map) = (MatcherConfig::default(), room_map());
-    let (found, verdict) = locate(&map, &SurfaceScan::new(&few, &config), &prior, &prior, &config);
+    let (found, verdict) = locate(&map, &SurfaceScan::new(&few, &config.thinning()), &prior, &prior, &config);
     assert!(verdict == OdometryVerdict::Confirmed && prior.pose.between(&found.belief.pose).distance() < 0.05);
 }
 
@@ -135,7 +135,7 @@ fn a_corridor_is_not_taken_the_other_way_round_for_what_is_new_in_it() {
     let walls = |points: &mut dyn Iterator<Item = [f32; 2]>| {
         let mut scan = BodyScan::default();
         points.for_each(|[x, y]| scan.hits.push(x, y));
-        SurfaceScan::new(&scan, &config)
+        SurfaceScan::new(&scan, &config.thinning())
     };
     let mut map = SurfaceMap::new(config.cell_m);
     map.add_scan(&Pose2::IDENTITY, &walls(&mut along(-6.0, 2.0, -1.0).chain(along(-6.0, 2.0, 1.0))));
@@ -178,7 +178,7 @@ fn the_two_sides_of_a_thin_wall_are_told_apart() {
 #[test]
 fn normals_of_walls_are_exact_and_face_the_robot() {
     let walls = Walls::default().with_box([0.0, 0.0], [3.0, 2.0]);
-    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.5, 0.2, 0.0), 720), &MatcherConfig::default());
+    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.5, 0.2, 0.0), 720), &Thinning::default());
     let mut flat = 0;
     for ([x, y], [nx, ny]) in scan.iter() {
         let (wall_x, wall_y) = (f64::from(x) + 0.5, f64::from(y) + 0.2);
@@ -200,7 +200,7 @@ fn normals_of_walls_are_exact_and_face_the_robot() {
 #[test]
 fn a_wall_seen_by_few_rays_has_its_normal_too() {
     let walls = Walls::default().with_box([0.0, 0.0], [12.0, 9.0]);
-    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 180), &MatcherConfig::default());
+    let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 180), &Thinning::default());
     let ahead = scan.iter().filter(|([_, y], _)| y.abs() < 3.0);
     for (_, [nx, ny]) in ahead {
         assert!(nx.abs() > 0.99 && ny.abs() < 0.05, "{nx}, {ny}");
@@ -215,7 +215,7 @@ fn walls_at_a_graze_have_their_normal_and_lone_points_are_left_out() {
         for (y, theta) in [(0.0, 0.0), (0.25, 0.004), (-0.4, 0.02)] {
             // As many rays to a degree as a LiDAR of 180 rays over 180° has.
             let walls = Walls::default().with_box([0.0, 0.0], [200.0, half_width_m]);
-            let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.0, y, theta), 360), &config);
+            let scan = SurfaceScan::new(&walls.scan_from(&Pose2::new(0.0, y, theta), 360), &config.thinning());
             let far: Vec<_> = scan.iter().filter(|([x, y], _)| x.hypot(*y) > 10.0).collect();
             assert!(far.len() >= fewest, "{half_width_m} m: {} points", far.len());
             for ([x, y], [nx, ny]) in far {
@@ -233,7 +233,7 @@ fn walls_at_a_graze_have_their_normal_and_lone_points_are_left_out() {
         let range_m = if k == 0 { 12.0 } else { 25.0 / angle.cos() };
         lone.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
     }
-    let points: Vec<_> = SurfaceScan::new(&lone, &config).iter().map(|(point, _)| point).collect();
+    let points: Vec<_> = SurfaceScan::new(&lone, &config.thinning()).iter().map(|(point, _)| point).collect();
     assert!(points.len() > 10 && points.iter().all(|[x, _]| *x > 20.0), "{points:?}");
 }
 
@@ -316,7 +316,7 @@ proptest! {
         let full = Walls::room().scan_from(&Pose2::new(x, y, theta), 541);
         let hits: Vec<_> = full.hits.iter().collect();
         let config = MatcherConfig { point_spacing_m: spacing, max_points: usize::MAX, ..MatcherConfig::default() };
-        let points: Vec<_> = SurfaceScan::new(&full, &config).iter().map(|(point, _)| point).collect();
+        let points: Vec<_> = SurfaceScan::new(&full, &config.thinning()).iter().map(|(point, _)| point).collect();
         let distance = |a: &[f32; 2], b: &[f32; 2]| f64::from((a[0] - b[0]).hypot(a[1] - b[1]));
         let outline_m: f64 = hits.windows(2).map(|pair| distance(&pair[0], &pair[1])).sum();
         prop_assert!(0.6 * spacing * points.len() as f64 <= outline_m + 1.0);
@@ -332,7 +332,7 @@ proptest! {
 
     #[test]
     fn seen_from_another_pose_a_scan_is_the_same(x in -5.0..5.0_f64, y in -5.0..5.0_f64, theta in -3.0..3.0_f64) {
-        let scan = SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, 90), &MatcherConfig::default());
+        let scan = SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, 90), &Thinning::default());
         let pose = Pose2::new(x, y, theta);
         let turn = Pose2::new(0.0, 0.0, theta);
         let distance = |a: [f64; 2], b: [f32; 2]| (a[0] - f64::from(b[0])).hypot(a[1] - f64::from(b[1]));

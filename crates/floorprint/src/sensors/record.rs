@@ -2,6 +2,7 @@
 
 use super::{EncoderReading, ImuReading, Scan};
 use crate::geometry::Pose2;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 /// A sensor's message, in the order in which it is to be processed.
@@ -53,7 +54,7 @@ impl Records for [Record] {
 }
 
 /// A pose at a time.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct StampedPose {
     /// Time, seconds.
     pub stamp_s: f64,

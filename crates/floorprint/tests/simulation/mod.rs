@@ -3,13 +3,13 @@
 #![allow(dead_code, reason = "each test uses its part of the outcome")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
+use floorprint::back_end::{ClosureReport, Verdict};
 use floorprint::config::Layer;
 use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions};
-use floorprint::loop_closure::{ClosureReport, Verdict};
 use floorprint::odometry::Frames;
 use floorprint::sensors::RobotConfig;
 use floorprint::simulator::{Fault, SimulationConfig, World, simulate};
-use floorprint::{Config, NoProfiler, Slam, SlamResult};
+use floorprint::{Config, Slam, SlamResult};
 use std::fmt;
 
 /// A scan of which less than this share lies on the map does not fit.
@@ -128,7 +128,7 @@ pub fn solve_as(world: &str, seed: u64, simulation: SimulationConfig, settings: 
     let (mut rejected_s, mut misfits_s, mut live) = (Vec::new(), Vec::new(), Vec::<Live>::new());
     let (mut driven_m, mut before) = (0.0, drive.true_pose(truth[0].stamp_s));
     for frame in frames.iter() {
-        let report = slam.process(&frame, &mut NoProfiler).unwrap();
+        let report = slam.process(&frame).unwrap();
         let (step, true_pose) = (report.filter, drive.true_pose(frame.stamp_s));
         let time_s = frame.stamp_s - truth[0].stamp_s;
         let moved_m = before.between(&true_pose).distance();
@@ -143,7 +143,7 @@ pub fn solve_as(world: &str, seed: u64, simulation: SimulationConfig, settings: 
             misfits_s.push(time_s);
         }
     }
-    let result = slam.finish(|| frames.iter(), &mut NoProfiler);
+    let result = slam.finish();
     let errors: Vec<(f64, f64)> = result
         .trajectory
         .iter()

@@ -1,0 +1,286 @@
+//! Session files: all that is needed to go on with a drive, in a file that other programs open as it is.
+//!
+//! An OGC GeoPackage 1.3, which is an SQLite database: tables of its own hold what a session is made of, the standard tables
+//! show it to QGIS, GDAL and the like. SQLite's write-ahead log makes each save whole or not at all, whenever the process
+//! ends.
+
+mod geopackage;
+mod layers;
+
+use crate::error::{Problem, ReadError, WriteError};
+use floorprint::CompactScan;
+use floorprint::geometry::Pose2;
+use floorprint::scan_matcher::MatcherConfig;
+use floorprint::sensors::StampedPose;
+use floorprint::session::{Session, SessionState, StoredScan};
+use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The version of the tables; later versions read the files of all earlier ones.
+const FORMAT_VERSION: i64 = 1;
+/// Poses are stored in rows of so many.
+const POSES_PER_ROW: usize = 1024;
+/// Bytes of a pose: stamp, x, y, θ.
+const POSE_BYTES: usize = 32;
+
+const TABLES: &str = "
+CREATE TABLE floorprint_meta (key TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE floorprint_poses (row INTEGER PRIMARY KEY, poses BLOB NOT NULL);
+CREATE TABLE floorprint_key_scans (
+    number INTEGER PRIMARY KEY, frame INTEGER NOT NULL, is_drawn INTEGER NOT NULL, points BLOB NOT NULL);
+CREATE TABLE floorprint_state (id INTEGER PRIMARY KEY CHECK (id = 1), format INTEGER NOT NULL, value BLOB NOT NULL);
+";
+
+/// A session's file, open.
+#[derive(Debug)]
+pub struct SessionFile {
+    path: PathBuf,
+    connection: Connection,
+    /// How many key scans it holds, and from which frame on poses may still change.
+    scans: usize,
+    settled: usize,
+}
+
+impl SessionFile {
+    /// Makes the file.
+    ///
+    /// # Errors
+    /// When there is a file already, or it cannot be written.
+    pub fn create(path: &Path) -> Result<Self, WriteError> {
+        if fs::symlink_metadata(path).is_ok() {
+            let problem = Problem::new(path, "a file stands there").advice("Choose another name, or remove it");
+            return Err(problem.into());
+        }
+        let make = || -> rusqlite::Result<Connection> {
+            let connection = Connection::open(path)?;
+            geopackage::initialise(&connection)?;
+            // A killed process loses nothing that was saved; the file is consistent even after a loss of power.
+            connection.pragma_update(None, "journal_mode", "WAL")?;
+            connection.pragma_update(None, "synchronous", "NORMAL")?;
+            connection.execute_batch(TABLES)?;
+            connection.execute(
+                "INSERT INTO floorprint_meta VALUES ('format', ?1), ('program', ?2)",
+                params![FORMAT_VERSION.to_string(), env!("CARGO_PKG_VERSION")],
+            )?;
+            Ok(connection)
+        };
+        let connection = make().map_err(|error| {
+            let _ = fs::remove_file(path);
+            write_error(path, &error)
+        })?;
+        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0 })
+    }
+
+    /// Opens the file of an earlier drive.
+    ///
+    /// # Errors
+    /// When it is not there, or is no session of this version or an earlier one.
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        if !path.is_file() {
+            let found = if path.exists() { "no file" } else { "there is nothing" };
+            return Err(Problem::new(path, found).expected("the session.gpkg of a run").into());
+        }
+        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let format = |connection: &Connection| -> rusqlite::Result<Option<String>> {
+            connection.pragma_update(None, "trusted_schema", false)?;
+            connection
+                .query_row("SELECT value FROM floorprint_meta WHERE key = 'format'", [], |row| row.get(0))
+                .optional()
+        };
+        let connection = Connection::open_with_flags(path, flags).map_err(|error| read_error(path, &error))?;
+        let version = format(&connection).map_err(|error| read_error(path, &error))?;
+        match version.as_deref().map(str::parse::<i64>) {
+            Some(Ok(1..=FORMAT_VERSION)) => {}
+            Some(Ok(version)) => {
+                let found = format!("a session of version {version}, written by a newer floorprint");
+                return Err(Problem::new(path, found).advice("Use that version or a later one").into());
+            }
+            _ => return Err(no_session(path)),
+        }
+        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0 })
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Saves what is new, in one piece: after this it is safe.
+    ///
+    /// # Errors
+    /// When it cannot be written; the file is then as it was before.
+    pub fn save(&mut self, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
+        let path = self.path.clone();
+        self.append(session, matcher).map_err(|error| write_error(&path, &error))
+    }
+
+    fn append(&mut self, session: &Session, matcher: &MatcherConfig) -> rusqlite::Result<()> {
+        let encode = |state: &SessionState| {
+            rmp_serde::to_vec_named(state).map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))
+        };
+        let state = encode(&session.state(matcher))?;
+        let transaction = self.connection.transaction()?;
+        let first_row = self.settled / POSES_PER_ROW;
+        let rows = session.poses().chunks(POSES_PER_ROW).enumerate().skip(first_row);
+        {
+            let mut insert = transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_poses VALUES (?1, ?2)")?;
+            for (row, poses) in rows {
+                insert.execute(params![row as i64, pose_bytes(poses)])?;
+            }
+            let mut insert =
+                transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_key_scans VALUES (?1, ?2, ?3, ?4)")?;
+            for (number, scan) in session.scans().iter().enumerate().skip(self.scans) {
+                insert.execute(params![number as i64, scan.frame as i64, scan.is_drawn, scan.points.bytes()])?;
+            }
+        }
+        transaction
+            .execute("INSERT OR REPLACE INTO floorprint_state VALUES (1, ?1, ?2)", params![FORMAT_VERSION, state])?;
+        transaction.commit()?;
+        (self.scans, self.settled) = (session.scans().len(), session.settled_frames());
+        Ok(())
+    }
+
+    /// Notes something about the session: the configuration, where the data came from.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn note(&self, key: &str, value: &str) -> Result<(), WriteError> {
+        self.connection
+            .execute("INSERT OR REPLACE INTO floorprint_meta VALUES (?1, ?2)", params![key, value])
+            .map(drop)
+            .map_err(|error| write_error(&self.path, &error))
+    }
+
+    /// What was noted about the session.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn notes(&self) -> Result<BTreeMap<String, String>, ReadError> {
+        let read = || -> rusqlite::Result<BTreeMap<String, String>> {
+            let mut rows = self.connection.prepare("SELECT key, value FROM floorprint_meta")?;
+            rows.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        read().map_err(|error| read_error(&self.path, &error))
+    }
+
+    /// The session as of the last save.
+    ///
+    /// # Errors
+    /// When the file is damaged, or its parts do not belong together.
+    pub fn load(&self) -> Result<Session, ReadError> {
+        let sql = |error: rusqlite::Error| read_error(&self.path, &error);
+        let value: Option<Vec<u8>> = self
+            .connection
+            .query_row("SELECT value FROM floorprint_state WHERE id = 1", [], |row| row.get(0))
+            .optional()
+            .map_err(sql)?;
+        let damaged = |what: String| -> ReadError {
+            Problem::new(&self.path, what).expected("a whole session").advice("Take an earlier copy of it").into()
+        };
+        let value = value.ok_or_else(|| damaged("nothing was saved in it yet".to_owned()))?;
+        let state: SessionState =
+            rmp_serde::from_slice(&value).map_err(|error| damaged(format!("its state is damaged: {error}")))?;
+        let poses = self.poses().map_err(sql)?.ok_or_else(|| damaged("its poses are damaged".to_owned()))?;
+        let scans = self.key_scans().map_err(sql)?.ok_or_else(|| damaged("its key scans are damaged".to_owned()))?;
+        Session::restore(state, poses, scans).map_err(|error| damaged(error.to_string()))
+    }
+
+    fn poses(&self) -> rusqlite::Result<Option<Vec<StampedPose>>> {
+        let mut select = self.connection.prepare("SELECT poses FROM floorprint_poses ORDER BY row")?;
+        let mut poses = Vec::new();
+        for bytes in select.query_map([], |row| row.get::<_, Vec<u8>>(0))? {
+            let bytes = bytes?;
+            if bytes.len() % POSE_BYTES != 0 || poses.len() % POSES_PER_ROW != 0 {
+                return Ok(None);
+            }
+            poses.extend(bytes.chunks_exact(POSE_BYTES).map(|pose| {
+                let number = |at: usize| {
+                    let mut eight = [0; 8];
+                    eight.copy_from_slice(&pose[8 * at..8 * at + 8]);
+                    f64::from_le_bytes(eight)
+                };
+                StampedPose { stamp_s: number(0), pose: Pose2::new(number(1), number(2), number(3)) }
+            }));
+        }
+        Ok(Some(poses))
+    }
+
+    fn key_scans(&self) -> rusqlite::Result<Option<Vec<StoredScan>>> {
+        let mut select =
+            self.connection.prepare("SELECT frame, is_drawn, points FROM floorprint_key_scans ORDER BY number")?;
+        let rows = select.query_map([], |row| Ok((row.get::<_, i64>(0)?, row.get(1)?, row.get::<_, Vec<u8>>(2)?)))?;
+        let mut scans = Vec::new();
+        for row in rows {
+            let (frame, is_drawn, points) = row?;
+            let scan = usize::try_from(frame).ok().zip(CompactScan::from_bytes(&points));
+            let Some((frame, points)) = scan else { return Ok(None) };
+            scans.push(StoredScan { frame, points, is_drawn });
+        }
+        Ok(Some(scans))
+    }
+
+    /// Draws the session into the standard tables, in place of what is drawn there: the occupancy map and the
+    /// floor's colours as tile pyramids; trajectory, submaps and closures as features.
+    ///
+    /// # Errors
+    /// When it cannot be written; the file is then as it was before.
+    pub fn draw(&mut self, layers: &Layers<'_>) -> Result<(), WriteError> {
+        let draw = || -> rusqlite::Result<()> {
+            let transaction = self.connection.transaction()?;
+            layers.draw(&transaction)?;
+            transaction.commit()
+        };
+        let mut draw = draw;
+        draw().map_err(|error| write_error(&self.path, &error))
+    }
+
+    /// Puts everything into the one file, closes it and moves it to where it is to be.
+    ///
+    /// # Errors
+    /// When it cannot be written or moved; the session is then where it was.
+    pub fn move_to(self, target: &Path) -> Result<(), WriteError> {
+        let Self { path, connection, .. } = self;
+        connection.pragma_update(None, "journal_mode", "DELETE").map_err(|error| write_error(&path, &error))?;
+        connection.close().map_err(|(_, error)| write_error(&path, &error))?;
+        fs::rename(&path, target).map_err(|error| WriteError::io(target, &error))
+    }
+}
+
+pub use layers::Layers;
+
+fn pose_bytes(poses: &[StampedPose]) -> Vec<u8> {
+    let numbers = poses.iter().flat_map(|stamped| {
+        let Pose2 { x, y, theta } = stamped.pose;
+        [stamped.stamp_s, x, y, theta]
+    });
+    numbers.flat_map(f64::to_le_bytes).collect()
+}
+
+fn no_session(path: &Path) -> ReadError {
+    Problem::new(path, "it is no session of floorprint").expected("the session.gpkg of a run").into()
+}
+
+fn read_error(path: &Path, error: &rusqlite::Error) -> ReadError {
+    use rusqlite::ErrorCode::{NotADatabase, SystemIoFailure};
+    match error.sqlite_error_code() {
+        Some(NotADatabase) => no_session(path),
+        Some(SystemIoFailure) => Problem::new(path, error.to_string()).into(),
+        _ if error.to_string().contains("no such table") => no_session(path),
+        _ => Problem::new(path, error.to_string())
+            .advice("The file may be damaged or in use: see PRAGMA integrity_check")
+            .into(),
+    }
+}
+
+fn write_error(path: &Path, error: &rusqlite::Error) -> WriteError {
+    use rusqlite::ErrorCode::{DiskFull, ReadOnly};
+    let advice = match error.sqlite_error_code() {
+        Some(DiskFull) => "Make room on the disk",
+        Some(ReadOnly) => "Make the folder writable",
+        _ => "",
+    };
+    Problem::new(path, error.to_string()).advice(advice).into()
+}

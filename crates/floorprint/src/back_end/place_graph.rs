@@ -1,0 +1,276 @@
+//! What closing loops knows of a drive, and all of it that outlives a step: submaps, what they were compared with,
+//! and the hypotheses about how they lie to each other.
+
+use super::hypothesis::{Hypothesis, Kidnapping};
+use super::place_match::Comparison;
+use super::submap::{Submap, SubmapBuilder};
+use super::uncertainty::Uncertainty;
+use super::{ClosureLoad, ClosureReport, Verdict};
+use crate::compact_scan::CompactScan;
+use crate::geometry::Pose2;
+use crate::key_scan::KeyScan;
+use crate::pose_graph::PoseGraph;
+use crate::surface::{SurfaceScan, Thinning};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// The submaps of a drive, the comparisons between them, and the hypotheses that follow.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct PlaceGraph {
+    pub(super) builder: SubmapBuilder,
+    pub(super) submaps: Vec<Submap>,
+    /// Hypotheses about the drive, the heaviest first; at least one.
+    pub(super) hypotheses: Vec<Hypothesis>,
+    pub(super) comparisons: Vec<Comparison>,
+    /// How many submaps were taken into the hypotheses.
+    pub(super) taken: usize,
+    /// What is being done about the newest of them.
+    pub(super) job: Option<Job>,
+}
+
+/// The comparisons of one submap.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Job {
+    pub(super) newer: usize,
+    /// Number of its first comparison.
+    pub(super) first: usize,
+    /// What each hypothesis uncertainties of the submaps it has in play.
+    pub(super) uncertainties: Vec<Vec<Uncertainty>>,
+    /// Comparisons to be made: older submap, where the newer is expected on it, how surely.
+    pub(super) due: VecDeque<(usize, Pose2, Uncertainty)>,
+}
+
+/// A frame whose pose is known, from which those around it follow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Anchor {
+    /// Which frame it is, counted from 0.
+    pub frame: usize,
+    /// Its pose, world from body.
+    pub pose: Pose2,
+    /// Where the robot was carried here from elsewhere: the first frame at the new place.
+    pub interruption: Option<usize>,
+}
+
+impl PlaceGraph {
+    /// Nothing seen yet. Submaps are `submap_length_m` of path long, with surfaces kept in cells of `cell_m`; metres.
+    #[must_use]
+    pub fn new(submap_length_m: f64, cell_m: f64) -> Self {
+        Self {
+            builder: SubmapBuilder::new(submap_length_m, cell_m),
+            submaps: Vec::new(),
+            hypotheses: vec![Hypothesis::default()],
+            comparisons: Vec::new(),
+            taken: 0,
+            job: None,
+        }
+    }
+
+    /// Takes in the next key scan; tells whether a submap ended before it. `poses_since(frame)` are the front end's
+    /// poses from that frame on.
+    pub fn add(&mut self, key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> bool {
+        let submap = self.builder.add(key_scan, poses_since);
+        let has_ended = submap.is_some();
+        self.submaps.extend(submap);
+        has_ended
+    }
+
+    /// The submaps that have ended, in the order of the drive.
+    #[must_use]
+    pub fn submaps(&self) -> &[Submap] {
+        &self.submaps
+    }
+
+    /// The frame with which the submap in the making begins, counted from 0; `None` before the first key scan.
+    #[must_use]
+    pub fn open_since(&self) -> Option<usize> {
+        self.builder.first_frame()
+    }
+
+    /// Learns again what the submaps look like, and fills the scans of the submap in the making: neither is stored.
+    /// `surfaces` and `points` give what is kept of the key scan of a frame, `poses` are the front end's.
+    ///
+    /// # Errors
+    /// What does not belong together, in words.
+    pub(crate) fn restore(
+        &mut self,
+        poses: &[Pose2],
+        frames: &[usize],
+        scans: &[CompactScan],
+        thinning: &Thinning,
+    ) -> Result<(), &'static str> {
+        self.validate(poses.len())?;
+        let surfaces = |range: std::ops::Range<usize>| -> Vec<Arc<SurfaceScan>> {
+            scans[range].par_iter().map(|scan| Arc::new(SurfaceScan::new(&scan.unpack(), thinning))).collect()
+        };
+        let position = |frame: usize| frames.partition_point(|&other| other < frame);
+        let ends: Vec<usize> = self
+            .submaps
+            .iter()
+            .skip(1)
+            .map(|next| next.first)
+            .chain([self.open_since().unwrap_or(poses.len())])
+            .collect();
+        let cell_m = self.builder.cell_m();
+        for (submap, &end) in self.submaps.iter_mut().zip(&ends).filter(|(submap, _)| !submap.is_forgotten) {
+            let range = position(submap.first)..position(end);
+            let shown = surfaces(range.clone());
+            let placed: Vec<(Pose2, &SurfaceScan)> = frames[range]
+                .iter()
+                .zip(&shown)
+                .map(|(&frame, scan)| (submap.front_end_from_submap.between(&poses[frame]), scan.as_ref()))
+                .collect();
+            submap.show(&placed, cell_m);
+        }
+        for key_scan in self.builder.open_mut() {
+            let at =
+                frames.binary_search(&key_scan.frame).map_err(|_| "a submap names a key scan that is not there")?;
+            key_scan.points = scans[at].clone();
+            key_scan.scan = Arc::new(SurfaceScan::new(&scans[at].unpack(), thinning));
+        }
+        Ok(())
+    }
+
+    /// Whether all numbers name what is there.
+    fn validate(&self, frames: usize) -> Result<(), &'static str> {
+        let holds = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(what) };
+        let count = self.submaps.len();
+        holds(!self.hypotheses.is_empty() && self.taken <= count, "the number of hypotheses or of submaps is wrong")?;
+        holds(self.builder.is_valid(frames), "the submap in the making is no part of the drive")?;
+        let firsts: Vec<usize> = self.submaps.iter().map(|submap| submap.first).chain(self.open_since()).collect();
+        holds(firsts.is_sorted_by(|a, b| a < b), "submaps do not follow each other")?;
+        let are_frames = self.submaps.iter().all(|submap| submap.first < frames && submap.middle_frame < frames);
+        holds(are_frames, "a submap names a frame that is not there")?;
+        let is_pair = |comparison: &Comparison| {
+            comparison.older < count && comparison.newer < count && !comparison.placements.is_empty()
+        };
+        holds(self.comparisons.iter().all(is_pair), "a comparison names a submap that is not there")?;
+        let is_job = self.job.as_ref().is_none_or(|job| {
+            job.newer < count
+                && job.first <= self.comparisons.len()
+                && job.due.iter().all(|(older, ..)| *older < count)
+                && job.uncertainties.len() == self.hypotheses.len()
+                && job
+                    .uncertainties
+                    .iter()
+                    .zip(&self.hypotheses)
+                    .all(|(of, in_play)| of.len() == in_play.graph().poses().len())
+        });
+        holds(is_job, "the comparisons that are due name what is not there")?;
+        self.hypotheses.iter().try_for_each(|hypothesis| hypothesis.validate(self.taken, &self.comparisons))
+    }
+
+    /// Whether an older submap was made so long before a newer one that it is no part of the same passage.
+    pub(super) fn is_long_before(&self, older: &Submap, newer: usize, window_m: f64) -> bool {
+        self.submaps[newer].path_m - older.path_m > 2.0 * window_m
+    }
+
+    /// How the heaviest hypothesis moves what the front end says: world from the front end's world.
+    #[must_use]
+    pub fn correction(&self) -> Pose2 {
+        self.hypotheses[0].newest().map_or(Pose2::IDENTITY, |(newest, pose)| {
+            pose.compose(&self.submaps[newest].front_end_from_submap.inverse())
+        })
+    }
+
+    /// The drive as the heaviest hypothesis has it now.
+    #[must_use]
+    pub fn anchors(&self) -> Vec<Anchor> {
+        let poses = self.hypotheses[0].all_poses();
+        let anchor = |(index, (submap, &pose)): (usize, (&Submap, &Pose2))| Anchor {
+            frame: submap.first,
+            pose,
+            interruption: submap.interruption.filter(|_| self.hypotheses[0].is_interrupted(index)).map(|at| at.frame),
+        };
+        self.submaps.iter().zip(&poses).enumerate().map(anchor).collect()
+    }
+
+    /// Whether the robot was kidnapped and has not been found again yet.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        let is_coming = self.submaps[self.taken..].iter().any(|submap| submap.interruption.is_some());
+        is_coming || self.builder.is_after_interruption() || self.hypotheses[0].is_lost()
+    }
+
+    /// What is worked with now.
+    #[must_use]
+    pub fn load(&self) -> ClosureLoad {
+        let remembered = self.submaps.iter().filter(|submap| !submap.is_forgotten());
+        let largest =
+            |size: fn(&PoseGraph) -> usize| self.hypotheses.iter().map(|h| size(h.graph())).max().unwrap_or(0);
+        ClosureLoad {
+            submaps: remembered.count(),
+            nodes: largest(|graph| graph.poses().len()),
+            factors: largest(|graph| graph.between_factors().len()),
+        }
+    }
+
+    /// How many hypotheses about the drive are held for possible.
+    #[must_use]
+    pub fn hypotheses(&self) -> usize {
+        self.hypotheses.len()
+    }
+
+    /// Where the robot was kidnapped, as the heaviest hypothesis has it.
+    #[must_use]
+    pub fn kidnappings(&self) -> Vec<Kidnapping> {
+        self.hypotheses[0].kidnappings(&self.submaps, &self.comparisons)
+    }
+
+    /// The heaviest hypothesis's graph; its nodes are the submaps.
+    #[must_use]
+    pub fn graph(&self) -> PoseGraph {
+        self.hypotheses[0].whole_graph()
+    }
+
+    /// What became of every comparison, as the heaviest hypothesis has it.
+    #[must_use]
+    pub fn reports(&self) -> Vec<ClosureReport> {
+        let best = &self.hypotheses[0];
+        let mut verdicts: Vec<(usize, Verdict)> = self
+            .comparisons
+            .iter()
+            .map(|comparison| match &comparison.placements[0] {
+                best if !best.fits() => (0, best.verdict),
+                best if best.is_conclusive() => (0, Verdict::Elsewhere),
+                _ => (0, Verdict::Inconclusive),
+            })
+            .collect();
+        for closure in best.closures() {
+            let verdict = if closure.is_in_force { Verdict::Accepted } else { Verdict::Contradicted };
+            verdicts[closure.comparison] = (closure.placement, verdict);
+        }
+        self.comparisons
+            .iter()
+            .zip(verdicts)
+            .map(|(comparison, (placement, verdict))| {
+                let placement = &comparison.placements[placement];
+                let [older, newer] = [comparison.older, comparison.newer].map(|index| &self.submaps[index]);
+                let correction = comparison
+                    .expected
+                    .compose(&newer.middle)
+                    .between(&placement.older_from_newer.compose(&newer.middle));
+                ClosureReport {
+                    older: comparison.older,
+                    newer: comparison.newer,
+                    frames: [older.middle_frame, newer.middle_frame],
+                    uncertainty_m: comparison.uncertainty.sigma_m,
+                    correction_m: correction.distance(),
+                    correction_rad: correction.theta,
+                    inlier_shares: placement.inlier_shares,
+                    overlap_shares: placement.overlap_shares,
+                    distinctness: placement.distinctness,
+                    sigma_m: placement.sigma_m(),
+                    placements: comparison.placements.iter().filter(|placement| placement.fits()).count(),
+                    middle_from_middle: older
+                        .middle
+                        .inverse()
+                        .compose(&placement.older_from_newer)
+                        .compose(&newer.middle),
+                    verdict,
+                }
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,215 @@
+//! Submaps: pieces of a drive short enough to be right in themselves (Hess et al. 2016).
+
+use crate::geometry::Pose2;
+use crate::geometry::covariance::in_frame_of;
+use crate::key_scan::{Interruption, KeyScan};
+use crate::surface::SurfaceScan;
+use crate::surface::{Horizon, SurfaceMap};
+use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Points by which a submap is fitted.
+const PROBE_POINTS: usize = 400;
+
+/// What consecutive key scans saw, in the frame of the first of them.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Submap {
+    /// Which frame the first key scan was, counted from 0.
+    pub first: usize,
+    /// Which frame the key scan half way was.
+    pub middle_frame: usize,
+    /// Pose of the first key scan as the front end had it: front end's world from submap.
+    pub front_end_from_submap: Pose2,
+    /// Pose of the key scan half way, in the submap's frame.
+    pub middle: Pose2,
+    /// Path from the start of the drive to the start of the submap, metres.
+    pub path_m: f64,
+    /// What constraints it to the submap before; `None` for the first.
+    pub link: Option<Link>,
+    /// Where the robot may have been carried here from elsewhere.
+    pub interruption: Option<Interruption>,
+    /// All surfaces, as if seen from the middle; in the submap's frame.
+    #[serde(skip)]
+    pub surfaces: Arc<SurfaceScan>,
+    /// A choice of them by which the submap is looked for and fitted.
+    #[serde(skip)]
+    pub probe: SurfaceScan,
+    /// Whether it shows nothing that older ones do not; later ones are then compared with those.
+    pub is_known: bool,
+    /// Whether what it looks like was forgotten since.
+    pub is_forgotten: bool,
+    /// What the first, the middle and the last key scan had in view, in the submap's frame.
+    #[serde(skip)]
+    pub horizons: Vec<Horizon>,
+}
+
+/// The motion from the start of one submap to the start of the next.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Link {
+    /// The newer submap's pose in the older's frame.
+    pub previous_from_submap: Pose2,
+    /// What the matches on the way leave in uncertainty, over (x, y, θ) in the axes of the newer submap.
+    pub covariance: Matrix3<f64>,
+    /// Length of the path, metres.
+    pub path_m: f64,
+}
+
+/// Cuts a drive into submaps as it goes on.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct SubmapBuilder {
+    length_m: f64,
+    cell_m: f64,
+    /// Key scans of the submap in the making.
+    open: Vec<KeyScan>,
+    /// Path from the start of the drive to the first and to the last of them, metres.
+    start_m: f64,
+    path_m: f64,
+    /// What led to the first of them.
+    link: Option<Link>,
+    /// Sum of the covariances since the first of them.
+    covariance: Matrix3<f64>,
+}
+
+impl SubmapBuilder {
+    /// Submaps of `length_m` of path, with surfaces kept in cells of `cell_m`; metres.
+    #[must_use]
+    pub fn new(length_m: f64, cell_m: f64) -> Self {
+        Self { length_m, cell_m, open: Vec::new(), start_m: 0.0, path_m: 0.0, link: None, covariance: Matrix3::zeros() }
+    }
+
+    /// Takes the next key scan; gives the submap that ends before it.
+    ///
+    /// `poses_since(frame)` are the front end's poses from that frame on, as they are now: which
+    /// particle is the best may have changed since the key scans were taken.
+    pub fn add(&mut self, key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> Option<Submap> {
+        let step_m = self.open.last().map_or(0.0, |last| last.pose.between(&key_scan.pose).distance());
+        self.path_m += step_m;
+        self.covariance += key_scan.covariance;
+        let ends = key_scan.interruption.is_some() || self.path_m - self.start_m > self.length_m;
+        if self.open.is_empty() || !ends {
+            self.open.push(key_scan);
+            return None;
+        }
+        self.open.push(key_scan);
+        let first = self.open[0].frame;
+        let poses = poses_since(first);
+        for scan in &mut self.open {
+            scan.pose = poses.get(scan.frame - first).copied().unwrap_or(scan.pose);
+        }
+        let next = self.open.pop()?;
+        let start_m = self.path_m - step_m;
+        let submap = self.close()?;
+        self.link = Some(Link {
+            previous_from_submap: submap.front_end_from_submap.between(&next.pose),
+            covariance: in_frame_of(&std::mem::take(&mut self.covariance), &next.pose),
+            path_m: (self.path_m - self.start_m).max(start_m - self.start_m),
+        });
+        self.start_m = self.path_m;
+        self.open.push(next);
+        Some(submap)
+    }
+
+    /// The frame with which the submap in the making begins; `None` before the first key scan.
+    #[must_use]
+    pub fn first_frame(&self) -> Option<usize> {
+        self.open.first().map(|first| first.frame)
+    }
+
+    /// Side of the cells in which surfaces are kept, metres.
+    pub(super) fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
+    /// The key scans of the submap in the making.
+    pub(super) fn open_mut(&mut self) -> &mut [KeyScan] {
+        &mut self.open
+    }
+
+    /// Whether its numbers can be those of a drive of so many frames.
+    pub(super) fn is_valid(&self, frames: usize) -> bool {
+        let is_length = |length_m: f64| length_m > 0.0 && length_m.is_finite();
+        is_length(self.length_m)
+            && is_length(self.cell_m)
+            && self.open.iter().all(|scan| scan.frame < frames && scan.pose.is_finite())
+            && self.open.is_sorted_by(|a, b| a.frame < b.frame)
+    }
+
+    /// Whether the robot may have been kidnapped right before the submap in the making.
+    #[must_use]
+    pub fn is_after_interruption(&self) -> bool {
+        self.open.first().is_some_and(|first| first.interruption.is_some())
+    }
+
+    /// The last submap, if any key scan is left.
+    #[must_use]
+    pub fn finish(&mut self) -> Option<Submap> {
+        self.close()
+    }
+
+    /// Makes a submap of the open key scans.
+    fn close(&mut self) -> Option<Submap> {
+        let key_scans = std::mem::take(&mut self.open);
+        let first = key_scans.first()?;
+        let half_way = &key_scans[key_scans.len() / 2];
+        let middle = first.pose.between(&half_way.pose);
+        let mut submap = Submap {
+            first: first.frame,
+            middle_frame: half_way.frame,
+            front_end_from_submap: first.pose,
+            middle,
+            path_m: self.start_m,
+            link: self.link,
+            interruption: first.interruption,
+            is_known: false,
+            is_forgotten: false,
+            surfaces: Arc::default(),
+            probe: SurfaceScan::default(),
+            horizons: Vec::new(),
+        };
+        let scans: Vec<(Pose2, &SurfaceScan)> =
+            key_scans.iter().map(|scan| (first.pose.between(&scan.pose), scan.scan.as_ref())).collect();
+        submap.show(&scans, self.cell_m);
+        Some(submap)
+    }
+}
+
+impl Submap {
+    /// Learns what it looks like: what each of its key scans shows, from its pose in the submap's frame. Surfaces are
+    /// kept in cells of `cell_m`, metres.
+    pub fn show(&mut self, key_scans: &[(Pose2, &SurfaceScan)], cell_m: f64) {
+        let mut map = SurfaceMap::new(cell_m);
+        for (pose, scan) in key_scans {
+            map.add_scan(pose, scan);
+        }
+        let surfaces = SurfaceScan::from_surfaces([self.middle.x, self.middle.y], map.surfaces());
+        self.probe = surfaces.balanced(PROBE_POINTS);
+        self.surfaces = Arc::new(surfaces);
+        let count = key_scans.len();
+        let seen_from = [0, count / 2, count.saturating_sub(1)].map(|position| key_scans.get(position));
+        self.horizons = seen_from.into_iter().flatten().map(|(pose, scan)| scan.horizon(pose)).collect();
+    }
+
+    /// Forgets what it looks like.
+    pub fn forget(&mut self) {
+        self.is_forgotten = true;
+        self.surfaces = Arc::default();
+        self.probe = SurfaceScan::default();
+        self.horizons = Vec::new();
+    }
+
+    /// Whether it was forgotten, or never showed anything.
+    #[must_use]
+    pub fn is_forgotten(&self) -> bool {
+        self.surfaces.is_empty()
+    }
+
+    /// Whether a point of the submap's frame (metres) was in view.
+    #[must_use]
+    pub fn had_in_view(&self, point_m: [f32; 2]) -> bool {
+        self.horizons.iter().any(|horizon| horizon.reaches(point_m, VIEW_TOLERANCE_M))
+    }
+}
+
+/// A surface on which rays end is in view although they end a little before it, metres.
+const VIEW_TOLERANCE_M: f32 = 0.2;

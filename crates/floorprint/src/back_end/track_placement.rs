@@ -1,0 +1,304 @@
+//! Finding a robot that was kidnapped (kidnapped) on what it had seen before.
+//!
+//! What it sees from then on is a drive of its own, whose place is open. Its submaps are looked for on all older ones;
+//! each sighting proposes a place for the whole drive since. It is placed once several submaps agree and no other
+//! place explains nearly as much: until then it is better nowhere than in a wrong place.
+
+use super::LoopClosureConfig;
+use super::Verdict;
+use super::evidence::{EVIDENCE_OF_WITNESS, MOST_WITNESSES, fit_evidence};
+use super::hypothesis::{
+    AGREEMENT_M, AGREEMENT_RAD, Break, CONFLICT, Constraint, Found, Hypothesis, Kidnapping, Outcome, closure_factor,
+};
+use super::place_match::Comparison;
+use super::submap::Submap;
+use crate::geometry::Pose2;
+use crate::pose_graph::Optimizer;
+use std::collections::BTreeMap;
+
+/// How much has to speak for a place before the drive is put there: log-likelihood, about what two submaps say that
+/// fit well …
+const LEAST_EVIDENCE: f64 = 6.0;
+/// … or one, at the end of the drive: nothing better is to come.
+const LEAST_EVIDENCE_AT_THE_END: f64 = 2.5;
+/// It has to be so much more than for any other place …
+const MARGIN: f64 = 3.0;
+/// … of which none may have more than this share of it: where much looks alike, places not seen before do, too.
+const RIVAL_SHARE: f64 = 0.4;
+/// The newest so many submaps are asked.
+const SUBMAPS_ASKED: usize = 20;
+/// The drive since may bend by so much per metre.
+const BEND: f64 = 0.02;
+/// Where it is not certain that the robot was carried, that it was not is as likely as all other places together:
+/// log-likelihood, metres and radians.
+const PRIOR_OF_STAYING: f64 = 4.0;
+const STAYING_M: f64 = 1.0;
+const STAYING_RAD: f64 = 0.2;
+/// It was carried, if less than this of what the submaps before and after have in view looks the same.
+const STAYING_QUALITY: f64 = 0.85;
+/// It was not, if after so many submaps nothing speaks for another place.
+const SUBMAPS_UNTIL_STAYING: usize = 4;
+/// A submap seen on a place that it is not connected to.
+struct Sighting {
+    newer: usize,
+    older: usize,
+    /// How it moves the drive since the interruption.
+    shift: Pose2,
+    /// Where the submap's middle lies as yet.
+    middle: Pose2,
+    /// By how much it fits better than a wrong place would, and what that is worth: log-likelihood.
+    surplus: f64,
+    evidence: f64,
+    /// Numbers of the comparison and the placement.
+    member: (usize, usize),
+}
+
+impl Sighting {
+    /// Whether it leaves the drive about where it was thought to be.
+    fn is_where_it_was(&self) -> bool {
+        let offset = self.middle.between(&self.shift.compose(&self.middle));
+        offset.distance() < STAYING_M && offset.theta.abs() < STAYING_RAD
+    }
+
+    /// Whether both put the drive in the same place.
+    fn agrees_with(&self, other: &Self) -> bool {
+        let [a, b] = [self, other].map(|sighting| sighting.shift.compose(&self.middle));
+        let offset = a.between(&b);
+        let bend = BEND * self.middle.between(&other.middle).distance();
+        offset.distance() < AGREEMENT_M + bend && offset.theta.abs() < AGREEMENT_RAD + 0.1 * bend
+    }
+
+    /// What all submaps together say for a place: of each the best sighting, and those on other submaps as witnesses.
+    fn evidence_for_place(&self, sightings: &[Self]) -> f64 {
+        let mut by_submap: BTreeMap<usize, BTreeMap<usize, &Self>> = BTreeMap::new();
+        for sighting in sightings.iter().filter(|sighting| sighting.agrees_with(self)) {
+            let best = by_submap.entry(sighting.newer).or_default().entry(sighting.older).or_insert(sighting);
+            if sighting.evidence > best.evidence {
+                *best = sighting;
+            }
+        }
+        let evidence_of = |on_submaps: BTreeMap<usize, &Self>| {
+            let mut sightings: Vec<&Self> = on_submaps.into_values().collect();
+            sightings.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            let witnesses: f64 = sightings.iter().skip(1).take(MOST_WITNESSES).map(|witness| witness.surplus).sum();
+            match sightings.first() {
+                Some(best) if best.evidence > 0.0 => best.evidence + EVIDENCE_OF_WITNESS * witnesses,
+                _ => 0.0,
+            }
+        };
+        by_submap.into_values().map(evidence_of).sum()
+    }
+}
+
+impl Hypothesis {
+    /// Whether the robot was carried between a submap and the one before.
+    #[must_use]
+    pub fn is_interrupted(&self, submap: usize) -> bool {
+        self.breaks.iter().any(|at| at.submap == submap && self.is_kidnapping(at))
+    }
+
+    fn is_kidnapping(&self, at: &Break) -> bool {
+        match at.outcome {
+            Outcome::Open => at.interruption.is_certain,
+            Outcome::Found(_) => true,
+            // What came later may say otherwise.
+            Outcome::Stayed => self.link_to(at.submap).is_some_and(|link| self.graph.squared_error(link) > CONFLICT),
+        }
+    }
+
+    /// Number of the factor that constraints the first submap after an interruption to the one before.
+    fn link_to(&self, submap: usize) -> Option<usize> {
+        let node = self.node_of(submap)?;
+        self.graph.between_factors().iter().position(|factor| factor.from + 1 == node && factor.to == node)
+    }
+
+    /// Which nodes a submap is connected to, other than by a motion on which the robot may have been kidnapped.
+    pub(super) fn connected_to(&self, submap: usize) -> Vec<bool> {
+        let interrupted = self.breaks.iter().filter(|at| at.outcome != Outcome::Stayed);
+        let contradicted =
+            self.constraints.iter().map(|constraint| constraint.factor).filter(|&factor| !self.is_in_force(factor));
+        let broken: Vec<usize> = interrupted.filter_map(|at| self.link_to(at.submap)).chain(contradicted).collect();
+        let count = self.graph.poses().len();
+        let mut neighbours = vec![Vec::new(); count];
+        for (number, factor) in self.graph.between_factors().iter().enumerate() {
+            if !broken.contains(&number) {
+                neighbours[factor.from].push(factor.to);
+                neighbours[factor.to].push(factor.from);
+            }
+        }
+        let mut tied = vec![false; count];
+        let mut due: Vec<usize> = self.node_of(submap).into_iter().collect();
+        while let Some(here) = due.pop() {
+            if !std::mem::replace(&mut tied[here], true) {
+                due.extend(neighbours[here].iter().filter(|&&next| !tied[next]));
+            }
+        }
+        tied
+    }
+
+    /// Where the robot was kidnapped.
+    #[must_use]
+    pub fn kidnappings(&self, submaps: &[Submap], comparisons: &[Comparison]) -> Vec<Kidnapping> {
+        let found = |at: &Break| match at.outcome {
+            Outcome::Open => None,
+            Outcome::Found(found) => Some(found),
+            Outcome::Stayed => {
+                let in_force = self.closures().filter(|closure| closure.is_in_force);
+                let across = in_force
+                    .map(|closure| &comparisons[closure.comparison])
+                    .filter(|comparison| comparison.older < at.submap && comparison.newer >= at.submap)
+                    .min_by_key(|comparison| comparison.newer)?;
+                Some(Found { frame: submaps[across.newer].middle_frame, earlier: submaps[across.older].middle_frame })
+            }
+        };
+        let kidnapping = |at: &Break| Kidnapping { frame: at.interruption.frame, found: found(at) };
+        self.breaks.iter().filter(|at| self.is_kidnapping(at)).map(kidnapping).collect()
+    }
+
+    /// Whether the robot may have been kidnapped and it is not known where to.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        let newest = self.newest().filter(|_| self.open_breaks().next().is_some());
+        newest.is_some_and(|(newest, _)| !self.connected_to(newest)[0])
+    }
+
+    /// Looks for a robot that may have been kidnapped, given the comparisons of the drive up to the newest submap.
+    pub fn relocate(
+        &mut self,
+        submaps: &[Submap],
+        comparisons: &[Comparison],
+        is_end: bool,
+        config: &LoopClosureConfig,
+    ) {
+        let Some((newest, _)) = self.newest() else { return };
+        let is_open = |at: &&mut Break| at.outcome == Outcome::Open;
+        self.breaks.iter_mut().filter(is_open).for_each(|at| at.judge(comparisons));
+        if self.open_breaks().next().is_none() {
+            return;
+        }
+        let tied = self.connected_to(newest);
+        let sightings = self.sightings(submaps, newest, comparisons, &tied);
+        let is_certain = self.open_breaks().all(|at| at.interruption.is_certain);
+        let least = if is_end && is_certain { LEAST_EVIDENCE_AT_THE_END } else { LEAST_EVIDENCE };
+        let evidence = |sighting: &Sighting| {
+            let prior = if !is_certain && sighting.is_where_it_was() { PRIOR_OF_STAYING } else { 0.0 };
+            sighting.evidence_for_place(&sightings) + prior
+        };
+        let mut places: Vec<&Sighting> = Vec::new();
+        for sighting in &sightings {
+            if !places.iter().any(|place| sighting.agrees_with(place)) {
+                places.push(sighting);
+            }
+        }
+        let places: Vec<(&Sighting, f64)> = places.into_iter().map(|place| (place, evidence(place))).collect();
+        if let Some(&(best, most)) = places.iter().max_by(|a, b| a.1.total_cmp(&b.1)) {
+            let rivals = places.iter().filter(|(place, _)| !place.agrees_with(best));
+            let rival = rivals.map(|(_, evidence)| *evidence).fold(0.0, f64::max);
+            if most > least && most - rival > MARGIN && rival < RIVAL_SHARE * most {
+                self.place(best, &sightings, &tied, comparisons, config);
+                self.note_what_is_bridged(best, submaps);
+            }
+        }
+        for at in 0..self.breaks.len() {
+            let Break { submap, interruption, outcome, .. } = self.breaks[at];
+            let is_late = is_end || newest >= submap + SUBMAPS_UNTIL_STAYING;
+            if outcome == Outcome::Open && !interruption.is_certain && is_late {
+                self.stay(at);
+            }
+        }
+    }
+
+    fn open_breaks(&self) -> impl Iterator<Item = &Break> {
+        self.breaks.iter().filter(|at| at.outcome == Outcome::Open)
+    }
+
+    /// Where the newest submaps were seen on places that they are not connected to.
+    fn sightings(&self, submaps: &[Submap], newest: usize, comparisons: &[Comparison], tied: &[bool]) -> Vec<Sighting> {
+        let recent = comparisons.iter().enumerate().rev().take_while(|(_, c)| c.newer + SUBMAPS_ASKED > newest);
+        let open = recent.filter_map(|(number, comparison)| {
+            let [older, newer] = [self.node_of(comparison.older)?, self.node_of(comparison.newer)?];
+            (tied[newer] && !tied[older])
+                .then(|| (number, comparison, [older, newer].map(|node| self.graph.poses()[node])))
+        });
+        open.flat_map(|(number, comparison, [older_pose, pose])| {
+            let best = comparison.placements[0].quality();
+            let fits = comparison.placements.iter().enumerate().filter(|(_, placement)| placement.fits());
+            fits.map(move |(index, placement)| Sighting {
+                newer: comparison.newer,
+                older: comparison.older,
+                shift: older_pose.compose(&placement.older_from_newer).compose(&pose.inverse()),
+                middle: pose.compose(&submaps[comparison.newer].middle),
+                surplus: placement.surplus(),
+                evidence: fit_evidence(placement.surplus(), best - placement.quality()).max(0.0),
+                member: (number, index),
+            })
+        })
+        .collect()
+    }
+
+    /// Puts the drive where a sighting says, with all sightings that agree.
+    fn place(
+        &mut self,
+        best: &Sighting,
+        sightings: &[Sighting],
+        tied: &[bool],
+        comparisons: &[Comparison],
+        config: &LoopClosureConfig,
+    ) {
+        // The start of the drive stays where it is.
+        let (moved, shift) =
+            if tied[0] { (self.connected_to(best.older), best.shift.inverse()) } else { (tied.to_vec(), best.shift) };
+        let poses = self.graph.poses_mut().iter_mut().zip(&moved);
+        poses.filter(|(_, is_moved)| **is_moved).for_each(|(pose, _)| *pose = shift.compose(pose));
+        for sighting in sightings.iter().filter(|sighting| sighting.agrees_with(best)) {
+            let (comparison, placement) = sighting.member;
+            let compared = &comparisons[comparison];
+            let nodes = self.node_of(compared.older).zip(self.node_of(compared.newer));
+            let factor = nodes
+                .and_then(|(older, newer)| closure_factor([older, newer], &compared.placements[placement], config));
+            if let Some(factor) = factor.and_then(|factor| self.graph.add_between(factor).ok()) {
+                self.constraints.push(Constraint { factor, comparison, placement });
+            }
+        }
+        // A graph that cannot be solved keeps its estimates.
+        let _ = Optimizer::default().optimize(&mut self.graph);
+        self.misses = 0;
+    }
+
+    /// Notes which interruptions the placing of the drive has bridged.
+    fn note_what_is_bridged(&mut self, best: &Sighting, submaps: &[Submap]) {
+        let [newest, older] = [self.newest().map_or(0, |(newest, _)| newest), best.older];
+        let found = Found { frame: submaps[newest].middle_frame, earlier: submaps[older].middle_frame };
+        for at in 0..self.breaks.len() {
+            let Break { submap, interruption, outcome, .. } = self.breaks[at];
+            let before = self.node_of(submap).unwrap_or(0);
+            if outcome == Outcome::Open && self.connected_to(submap)[..before].contains(&true) {
+                if best.is_where_it_was() && !interruption.is_certain {
+                    self.stay(at);
+                } else {
+                    self.breaks[at].outcome = Outcome::Found(found);
+                }
+            }
+        }
+    }
+
+    /// The robot was not carried: what the front end says of its motion counts.
+    fn stay(&mut self, at: usize) {
+        self.breaks[at].outcome = Outcome::Stayed;
+        if let Some(link) = self.link_to(self.breaks[at].submap) {
+            self.graph.set_information(link, self.breaks[at].information);
+        }
+    }
+}
+
+impl Break {
+    /// Hears what the submaps right before and after it say: where they had the same things in view, and these do not
+    /// look the same, the robot was carried; where they do, that is not certain.
+    fn judge(&mut self, comparisons: &[Comparison]) {
+        let across = comparisons.iter().find(|c| c.newer == self.submap && c.older + 1 == self.submap);
+        let Some(placement) = across.map(|comparison| &comparison.placements[0]) else { return };
+        if placement.verdict != Verdict::TooLittleInCommon {
+            self.interruption.is_certain = !placement.fits() || placement.quality() < STAYING_QUALITY;
+        }
+    }
+}

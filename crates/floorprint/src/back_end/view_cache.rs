@@ -1,0 +1,213 @@
+//! What submaps look like with their neighbours around them, kept for those that were needed lately.
+
+use super::LoopClosureConfig;
+use super::place_match::{Comparison, Placement};
+use super::submap::Submap;
+use super::uncertainty::Uncertainty;
+use crate::geometry::Pose2;
+use crate::scan_matcher::{
+    MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, inlier_share, match_scan, outliers,
+};
+use crate::surface::{SurfaceMap, SurfaceScan};
+use nalgebra::Matrix3;
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+/// What submaps look like, kept for those that were needed lately.
+#[derive(Debug, Default)]
+pub struct ViewCache {
+    views: BTreeMap<usize, View>,
+    clock: u64,
+}
+
+#[derive(Debug)]
+pub(super) struct View {
+    /// Surfaces of the submap and its neighbours, in its frame.
+    pub(super) map: SurfaceMap,
+    /// Those submaps, with their poses in its frame.
+    parts: Vec<(usize, Pose2)>,
+    /// The same for searching; made when it is first needed.
+    search: Option<PlaceSearch>,
+    used: u64,
+}
+
+/// So many views are kept; others are quickly made again.
+const VIEWS_KEPT: usize = 24;
+/// The region that is searched reaches this many standard deviations far …
+const WINDOW_SIGMAS: f64 = 2.5;
+/// … and at least and at most so far: metres, radians.
+const WINDOW_M: [f64; 2] = [0.4, 8.0];
+const WINDOW_RAD: [f64; 2] = [0.1, PI];
+/// Where the uncertainty is smaller than this the fine matcher needs no search, metres and radians.
+const WITHIN_REACH_M: f64 = 0.1;
+const WITHIN_REACH_RAD: f64 = 0.03;
+/// Places of the search that are fitted finely.
+const PLACES: usize = 8;
+/// Places that score this much less than the best are not looked at.
+const PLACE_MARGIN: f64 = 0.12;
+/// Places that score less are none.
+const PLACE_MIN_SCORE: f64 = 0.4;
+/// Bound on the work of one search.
+const MAX_BLOCKS: usize = 200_000;
+/// Two fits closer than this are the same, metres and radians.
+const SAME_FIT_M: f64 = 0.15;
+const SAME_FIT_RAD: f64 = 0.05;
+
+impl ViewCache {
+    /// Makes the view of a submap with its neighbours.
+    fn learn(&mut self, index: usize, submaps: &[Submap], cell_m: f64) {
+        self.clock += 1;
+        if let Some(view) = self.views.get_mut(&index) {
+            view.used = self.clock;
+            return;
+        }
+        if self.views.len() >= VIEWS_KEPT {
+            let oldest = self.views.iter().min_by_key(|(_, view)| view.used).map(|(&index, _)| index);
+            oldest.and_then(|oldest| self.views.remove(&oldest));
+        }
+        let mut parts = vec![(index, Pose2::IDENTITY)];
+        // Where the robot was carried nobody knows how the neighbour lies.
+        let motion_to = |submap: &Submap| {
+            submap.link.filter(|_| submap.interruption.is_none()).map(|link| link.previous_from_submap)
+        };
+        if let (Some(motion), Some(before)) = (motion_to(&submaps[index]), index.checked_sub(1)) {
+            parts.push((before, motion.inverse()));
+        }
+        if let Some(motion) = submaps.get(index + 1).and_then(motion_to) {
+            parts.push((index + 1, motion));
+        }
+        // What a neighbour had in view counts no more once it is forgotten what it saw there.
+        parts.retain(|(part, _)| *part == index || !submaps[*part].surfaces.is_empty());
+        let mut map = SurfaceMap::new(cell_m);
+        for (part, pose) in &parts {
+            map.add_scan(pose, &submaps[*part].surfaces);
+        }
+        self.views.insert(index, View { map, parts, search: None, used: self.clock });
+    }
+
+    /// Looks for the newer submap on the older one around where it is expected.
+    pub fn compare(
+        &mut self,
+        submaps: &[Submap],
+        [older, newer]: [usize; 2],
+        expected: Pose2,
+        uncertainty: Uncertainty,
+        config: &LoopClosureConfig,
+        matcher: &MatcherConfig,
+    ) -> Comparison {
+        // The newest submap's view lacks its next neighbour: it must not be kept as it is.
+        self.learn(newer, submaps, matcher.cell_m);
+        self.learn(older, submaps, matcher.cell_m);
+        let mut placements = match self.views.get_mut(&older) {
+            Some(view) => view.places(&submaps[older], &submaps[newer], &expected, &uncertainty, matcher),
+            None => Vec::new(),
+        };
+        if let (Some(old), Some(new)) = (self.views.get(&older), self.views.get(&newer)) {
+            let probes = [&submaps[older].probe, &submaps[newer].probe];
+            for placement in &mut placements {
+                placement.verify([old, new], probes, submaps, config, matcher);
+            }
+        }
+        if newer + 1 == submaps.len() {
+            self.views.remove(&newer);
+        }
+        placements.sort_by(|a, b| b.fits().cmp(&a.fits()).then(b.quality().total_cmp(&a.quality())));
+        Comparison { older, newer, expected, uncertainty, placements }
+    }
+
+    /// Share of the newer submap's points that lie on none of the older ones, where `places` say: older submap, older
+    /// from newer.
+    pub fn new_share(
+        &mut self,
+        submaps: &[Submap],
+        newer: usize,
+        places: &[(usize, Pose2)],
+        matcher: &MatcherConfig,
+    ) -> f64 {
+        let probe = &submaps[newer].probe;
+        let mut rest = probe.clone();
+        for (older, older_from_newer) in places {
+            self.learn(*older, submaps, matcher.cell_m);
+            if let Some(view) = self.views.get(older) {
+                rest = outliers(&view.map, &rest, older_from_newer, matcher);
+            }
+        }
+        rest.len() as f64 / probe.len().max(1) as f64
+    }
+}
+
+impl View {
+    /// Where the newer submap's surfaces lie on this view, not checked yet.
+    fn places(
+        &mut self,
+        older: &Submap,
+        newer: &Submap,
+        expected: &Pose2,
+        uncertainty: &Uncertainty,
+        matcher: &MatcherConfig,
+    ) -> Vec<Placement> {
+        let information = Matrix3::from_diagonal(
+            &[uncertainty.sigma_m.powi(-2), uncertainty.sigma_m.powi(-2), uncertainty.sigma_rad.powi(-2)].into(),
+        );
+        let near = match_scan(&self.map, &newer.probe, &PoseBelief { pose: *expected, information }, matcher);
+        let mut fits = vec![near];
+        if uncertainty.sigma_m > WITHIN_REACH_M || uncertainty.sigma_rad > WITHIN_REACH_RAD {
+            // The search turns the submap about its middle, not about its first pose.
+            let centred = newer.probe.seen_from(&newer.middle);
+            let query = PlaceQuery {
+                window: SearchWindow {
+                    distance_m: (WINDOW_SIGMAS * uncertainty.sigma_m).clamp(WINDOW_M[0], WINDOW_M[1]),
+                    angle_rad: (WINDOW_SIGMAS * uncertainty.sigma_rad).clamp(WINDOW_RAD[0], WINDOW_RAD[1]),
+                },
+                min_score: PLACE_MIN_SCORE,
+                margin: PLACE_MARGIN,
+                most: PLACES,
+                max_blocks: MAX_BLOCKS,
+            };
+            let map = &self.map;
+            let search = self.search.get_or_insert_with(|| {
+                PlaceSearch::new(&SurfaceScan::from_surfaces([older.middle.x, older.middle.y], map.surfaces()))
+            });
+            for place in search.find(&centred, &expected.compose(&newer.middle), &query).unwrap_or_default() {
+                let start = place.pose.compose(&newer.middle.inverse());
+                let found = match_scan(
+                    &self.map,
+                    &newer.probe,
+                    &PoseBelief { pose: start, information: Matrix3::zeros() },
+                    matcher,
+                );
+                if fits.iter().all(|fit| !is_same(&fit.belief.pose, &found.belief.pose)) {
+                    fits.push(found);
+                }
+            }
+        }
+        fits.iter().map(|fit| Placement::of(fit, matcher)).collect()
+    }
+
+    /// What share of a probe at a pose lies in view, and what share of that on the map.
+    pub(super) fn agreement(
+        &self,
+        probe: &SurfaceScan,
+        pose: &Pose2,
+        submaps: &[Submap],
+        matcher: &MatcherConfig,
+    ) -> (f64, f64) {
+        let to_parts: Vec<(&Submap, Pose2)> = self
+            .parts
+            .iter()
+            .map(|(part, view_from_part)| (&submaps[*part], view_from_part.inverse().compose(pose)))
+            .collect();
+        let in_view = probe.filtered(|point| {
+            to_parts.iter().any(|(part, part_from_probe)| {
+                part.had_in_view(part_from_probe.transform_point(point.map(f64::from)).map(|v| v as f32))
+            })
+        });
+        let overlap_share = in_view.len() as f64 / probe.len().max(1) as f64;
+        (overlap_share, inlier_share(&self.map, &in_view, pose, matcher))
+    }
+}
+
+fn is_same(a: &Pose2, b: &Pose2) -> bool {
+    let offset = a.between(b);
+    offset.distance() < SAME_FIT_M && offset.theta.abs() < SAME_FIT_RAD
+}

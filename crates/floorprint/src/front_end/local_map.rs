@@ -1,0 +1,99 @@
+//! The map that the next scan is matched against: what the last stretch of the drive showed.
+
+use crate::geometry::Pose2;
+use crate::scan_matcher::MatcherConfig;
+use crate::surface::{SurfaceMap, SurfaceScan};
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+/// Surfaces of the last so many metres; older places are for the back end to recognise.
+#[derive(Debug, Clone)]
+pub(super) struct LocalMap {
+    surfaces: SurfaceMap,
+    cell_m: f64,
+    /// Length of the path that it remembers, between half of it and all of it, metres; unlimited where loops are not closed.
+    window_m: f64,
+    /// The scans that it is made of with their poses, where it is to forget older ones.
+    written: VecDeque<(Pose2, Arc<SurfaceScan>)>,
+    /// Path since the oldest scan in it, metres.
+    path_m: f64,
+    /// Where the last scan was written.
+    last_written: Option<Pose2>,
+}
+
+impl LocalMap {
+    pub(super) fn new(cell_m: f64, window_m: f64) -> Self {
+        let surfaces = SurfaceMap::new(cell_m);
+        Self { surfaces, cell_m, window_m, written: VecDeque::new(), path_m: 0.0, last_written: None }
+    }
+
+    pub(super) fn surfaces(&self) -> &SurfaceMap {
+        &self.surfaces
+    }
+
+    /// The scan that was written last, with its pose; `None` where scans are not kept.
+    pub(super) fn last(&self) -> Option<(&Pose2, &SurfaceScan)> {
+        self.written.back().map(|(pose, scan)| (pose, scan.as_ref()))
+    }
+
+    /// The poses of the scans that it is made of, the oldest first.
+    pub(super) fn poses(&self) -> impl Iterator<Item = Pose2> {
+        self.written.iter().map(|(pose, _)| *pose)
+    }
+
+    /// Whether the robot moved far enough since the last scan that was written.
+    pub(super) fn is_due(&self, pose: &Pose2, matcher: &MatcherConfig) -> bool {
+        self.last_written.is_none_or(|last| {
+            let moved = last.between(pose);
+            moved.distance() > matcher.insert_distance_m || moved.theta.abs() > matcher.insert_angle_rad
+        })
+    }
+
+    /// The map that these scans make, the oldest first, of a drive that goes on.
+    pub(super) fn of(cell_m: f64, window_m: f64, scans: impl Iterator<Item = (Pose2, Arc<SurfaceScan>)>) -> Self {
+        let mut map = Self::new(cell_m, f64::INFINITY);
+        map.window_m = window_m;
+        for (pose, scan) in scans {
+            map.surfaces.add_scan(&pose, &scan);
+            map.path_m += map.last_written.map_or(0.0, |last| last.between(&pose).distance());
+            map.last_written = Some(pose);
+            map.written.push_back((pose, scan));
+        }
+        map
+    }
+
+    /// Forgets everything.
+    pub(super) fn clear(&mut self) {
+        *self = Self::new(self.cell_m, self.window_m);
+    }
+
+    /// Writes a scan; with `carve` it clears what is no longer there. A map that has grown too long a past is made anew
+    /// from the younger half of it.
+    pub(super) fn write(&mut self, pose: &Pose2, scan: &Arc<SurfaceScan>, carve: bool) {
+        if carve {
+            self.surfaces.carve(pose, scan);
+        }
+        self.surfaces.add_scan(pose, scan);
+        self.path_m += self.last_written.map_or(0.0, |last| last.between(pose).distance());
+        self.last_written = Some(*pose);
+        if self.window_m.is_infinite() {
+            return;
+        }
+        self.written.push_back((*pose, Arc::clone(scan)));
+        if self.path_m > self.window_m {
+            while self.path_m > 0.5 * self.window_m && self.written.len() > 1 {
+                let Some((oldest, _)) = self.written.pop_front() else { break };
+                self.path_m -= oldest.between(&self.written[0].0).distance();
+            }
+            self.surfaces = SurfaceMap::new(self.cell_m);
+            for (pose, scan) in &self.written {
+                self.surfaces.add_scan(pose, scan);
+            }
+        }
+    }
+
+    #[cfg(test)]
+    pub(super) fn size(&self) -> (f64, usize, usize, usize) {
+        (self.path_m, self.surfaces.tile_counts().0, self.surfaces.surfaces().count(), self.written.len())
+    }
+}

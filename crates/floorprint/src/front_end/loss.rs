@@ -1,0 +1,97 @@
+//! Notices that the robot is not where its scans were matched.
+//!
+//! Scans that contradict the map are not written. When they do not cease the robot is lost, and the map begins anew; where
+//! on the old map that is, is for the back end to find out.
+
+use super::local_map::LocalMap;
+use crate::scan_matcher::{MatchResult, MatcherConfig, inlier_share};
+use crate::surface::{SurfaceMap, SurfaceScan};
+use serde::{Deserialize, Serialize};
+
+/// A scan of which less than this share lies on the map does not fit it …
+const LOST_INLIER_SHARE: f64 = 0.55;
+/// … if it has at least this many points; the robot is lost when so many scans in a row do not fit. On
+/// recorded drives single scans fit by 0.52 at the least.
+const LEAST_POINTS: usize = 30;
+const MISFITS_BEFORE_LOSS: usize = 3;
+/// Nor does one that suddenly lies on the map by this much less. Either contradicts the map only if, of what it and the
+/// last scan in the map both had in view, this share is missing: people and doors come to less, or come little by
+/// little, and who turns sees new things.
+const SUDDEN_LOSS: f64 = 0.28;
+const MISSING_SHARE: f64 = 0.25;
+
+/// What a scan says about where the robot is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sighting {
+    /// Nothing speaks against where it was matched; so many scans before it had not fitted.
+    Fits { misfits_before: usize },
+    /// It contradicts the map.
+    Misfits,
+    /// So did too many scans in a row. `scans` of them, this one included; `is_certain` where nothing fitted any more.
+    Lost { scans: usize, is_certain: bool },
+}
+
+/// Counts scans that contradict the map.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub(super) struct LossDetector {
+    /// How many scans in a row did not fit the map.
+    misfits: usize,
+    /// Whether each of them contradicts it beyond doubt.
+    is_certain: bool,
+    /// Share of the last scan that fitted which lay on the map.
+    usual_inlier_share: f64,
+}
+
+impl LossDetector {
+    /// Hears of the next scan and how it was matched to the map, if there was one.
+    pub(super) fn observe(
+        &mut self,
+        scan: &SurfaceScan,
+        fit: Option<&MatchResult>,
+        map: &LocalMap,
+        matcher: &MatcherConfig,
+    ) -> Sighting {
+        let fit = fit.filter(|_| scan.len() >= LEAST_POINTS);
+        let is_contradicted = fit.map_or(Some(false), |fit| self.is_contradicted_by(scan, fit, map, matcher));
+        // Scans of which nothing can be told leave it at what those before said.
+        let Some(fit) = fit.filter(|_| is_contradicted.unwrap_or(self.misfits > 0)) else {
+            self.usual_inlier_share = fit.map_or(0.0, |fit| fit.inlier_share);
+            return Sighting::Fits { misfits_before: std::mem::take(&mut self.misfits) };
+        };
+        let is_certain = is_contradicted.is_some() && fit.inlier_share < LOST_INLIER_SHARE;
+        self.is_certain = is_certain && (self.misfits == 0 || self.is_certain);
+        self.misfits += 1;
+        if self.misfits < MISFITS_BEFORE_LOSS {
+            return Sighting::Misfits;
+        }
+        self.usual_inlier_share = 0.0;
+        Sighting::Lost { scans: std::mem::take(&mut self.misfits), is_certain: self.is_certain }
+    }
+
+    /// Whether a scan shows that the robot is not where it was matched: little of it lies on the map there, or
+    /// suddenly less than before, and of what it and the last scan in the map both had in view much is missing. A
+    /// robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits that is
+    /// somewhere else. `None` where too little was in view of both.
+    fn is_contradicted_by(
+        &self,
+        scan: &SurfaceScan,
+        fit: &MatchResult,
+        map: &LocalMap,
+        matcher: &MatcherConfig,
+    ) -> Option<bool> {
+        let is_usual = fit.inlier_share >= LOST_INLIER_SHARE.max(self.usual_inlier_share - SUDDEN_LOSS);
+        let Some((last_pose, last)) = map.last().filter(|_| !is_usual) else { return Some(false) };
+        let pose = &fit.belief.pose;
+        let here = scan.in_view_of(pose, last, last_pose);
+        let there = last.in_view_of(last_pose, scan, pose);
+        let points = here.len() + there.len();
+        if points < 2 * LEAST_POINTS {
+            return None;
+        }
+        let mut of_scan = SurfaceMap::new(matcher.cell_m);
+        of_scan.add_scan(pose, scan);
+        let found = here.len() as f64 * inlier_share(map.surfaces(), &here, pose, matcher)
+            + there.len() as f64 * inlier_share(&of_scan, &there, last_pose, matcher);
+        Some(found < (1.0 - MISSING_SHARE) * points as f64)
+    }
+}

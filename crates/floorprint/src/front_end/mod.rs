@@ -1,0 +1,31 @@
+//! The front end: particle filters that track the robot from scan to scan.
+//!
+//! [`ParticleFilter::process`] is the filter's loop.
+
+mod config;
+mod correlation;
+#[expect(clippy::module_inception, reason = "one type a file, named after it")]
+mod front_end;
+mod genealogy;
+mod grisetti;
+mod kld_sampling;
+mod local_map;
+mod loss;
+mod odometry_model;
+mod odometry_scale;
+mod odometry_trust;
+mod particle_filter;
+mod report;
+mod resampler;
+mod shared_map;
+mod tracker;
+mod weights;
+
+pub use config::{AdaptiveConfig, FilterConfig, FilterKind, ResamplerKind};
+pub use front_end::FrontEnd;
+pub use grisetti::{GrisettiConfig, GrisettiFilter, Proposal};
+pub use kld_sampling::particles_needed;
+pub use particle_filter::{FrontEndState, ParticleFilter};
+pub use report::FilterStep;
+pub use resampler::resample;
+pub use shared_map::SharedMapFilter;

@@ -1,0 +1,53 @@
+//! What is learnt of this robot's odometry on the way.
+
+use super::odometry_scale::OdometryScale;
+use super::odometry_trust::OdometryTrust;
+use crate::geometry::Pose2;
+use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
+
+/// How noisy the odometry is, and by how much it reads long or short.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct OdometryModel {
+    trust: OdometryTrust,
+    scale: OdometryScale,
+}
+
+impl OdometryModel {
+    /// A motion as the odometry states it, at its true length.
+    #[must_use]
+    pub fn correct(&self, measured: &Pose2) -> Pose2 {
+        self.scale.correct(measured)
+    }
+
+    /// The true length of what the odometry states as one.
+    #[must_use]
+    pub fn scale(&self) -> f64 {
+        self.scale.ratio()
+    }
+
+    /// Factor on the stated standard deviation of a translation.
+    #[must_use]
+    pub fn noise(&self) -> f64 {
+        self.trust.noise()
+    }
+
+    /// Learns from a step: what the odometry `measured` and what scan and odometry together `matched`, both seen from
+    /// the pose before, in which the body had a `heading_rad`; the standard deviation of a translation as stated
+    /// (metres), and what the scan alone knows, as information in the axes of the front end's frame. The length is
+    /// learnt only where the scan `confirmed` the odometry.
+    pub fn learn(
+        &mut self,
+        measured: &Pose2,
+        matched: &Pose2,
+        heading_rad: f64,
+        sigma_m: f64,
+        scan: &Matrix3<f64>,
+        confirmed: bool,
+    ) {
+        self.trust.learn(&self.scale.correct(measured), matched, sigma_m, scan);
+        if confirmed {
+            self.scale.learn(measured, matched, heading_rad, scan);
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! The contract between front end and session: a scan that was written into the front end's map.
+
+use crate::compact_scan::CompactScan;
+use crate::geometry::Pose2;
+use crate::surface::SurfaceScan;
+use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A scan that was written into the front end's map.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct KeyScan {
+    /// Which of the frames it was, counted from 0.
+    pub frame: usize,
+    /// Pose of the body in the front end's frame: `odom_from_body`.
+    pub pose: Pose2,
+    /// Covariance of the motion since the key scan before over (x, y, θ) in the axes of the front end's frame,
+    /// given the map that the scans on the way were matched to.
+    pub covariance: Matrix3<f64>,
+    /// Its surfaces, in the body's frame.
+    #[serde(skip)]
+    pub scan: Arc<SurfaceScan>,
+    /// All its points, packed.
+    #[serde(skip)]
+    pub points: CompactScan,
+    /// Set where scans had ceased to fit, so that the front end's map begins with this one.
+    pub interruption: Option<Interruption>,
+}
+
+/// A break in the drive: scans suddenly show something else. The robot was kidnapped, or much moved around it, or
+/// a new drive begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Interruption {
+    /// The first frame that did not fit the map before.
+    pub frame: usize,
+    /// Whether nothing fitted any more. Else the robot may be where it was thought to be.
+    pub is_certain: bool,
+}

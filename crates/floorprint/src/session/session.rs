@@ -1,0 +1,356 @@
+//! All that outlives a step.
+
+use super::Renderer;
+use super::refinement::{map_of, refine};
+use super::trajectory::corrected_poses;
+use crate::back_end::{Anchor, BackEnd, PlaceGraph};
+use crate::compact_scan::CompactScan;
+use crate::front_end::FrontEndState;
+use crate::geometry::Pose2;
+use crate::key_scan::KeyScan;
+use crate::map::{MapConfig, OccupancyGrid};
+use crate::scan_matcher::MatcherConfig;
+use crate::sensors::StampedPose;
+use crate::surface::SurfaceScan;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+use thiserror::Error;
+
+/// A key scan as it is kept.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredScan {
+    /// Which frame it was, counted from 0.
+    pub frame: usize,
+    /// Its points, in the body's frame.
+    pub points: CompactScan,
+    /// Whether the occupancy grid is drawn of it: a robot that turns slowly shows nothing new with each scan.
+    pub is_drawn: bool,
+}
+
+/// The drive so far: the front end's poses, the key scans, and the places that hold them together.
+///
+/// Two frames: the front end drifts in `odom`; the places put it right in `world`, whose origin is the body's pose at
+/// the first scan.
+#[derive(Debug, Clone)]
+pub struct Session {
+    map: MapConfig,
+    /// The front end's poses, `odom_from_body`, one for each frame.
+    poses: Vec<StampedPose>,
+    scans: Vec<StoredScan>,
+    /// Scans between the key scans, the newest: they have no say in the map, but are fitted to it in the end.
+    between: ScansBetween,
+    /// Where the last drawn scan was taken, `odom_from_body`.
+    last_drawn: Option<Pose2>,
+    /// How places lie to each other; `None` where loops are not closed.
+    places: Option<PlaceGraph>,
+    /// What the front end needs to go on, as of the last time it was asked.
+    front_end: Option<FrontEndState>,
+    /// What the drive amounts to once it has ended; `None` before.
+    finished: Option<Finished>,
+}
+
+/// The newest scans between the key scans.
+#[derive(Debug, Clone, Default)]
+struct ScansBetween {
+    /// Frames, ascending, and their points.
+    scans: VecDeque<(usize, CompactScan)>,
+    bytes: usize,
+    last: Option<Pose2>,
+}
+
+/// Scans between key scans are kept up to so many bytes: that of an hour with most LiDARs. Fitting every scan to the
+/// final map makes poses between key scans a little more exact (aces 0.0360 → 0.0350 m).
+const BYTES_BETWEEN: usize = 32 << 20;
+/// A robot that moves by less than these from scan to scan stands still, metres and radians.
+const STANDSTILL_M: f64 = 0.005;
+const STANDSTILL_RAD: f64 = 0.002;
+
+impl ScansBetween {
+    fn add(&mut self, frame: usize, pose: &Pose2, points: &CompactScan) {
+        let stands_still = self.last.is_some_and(|last| {
+            let step = last.between(pose);
+            step.distance() < STANDSTILL_M && step.theta.abs() < STANDSTILL_RAD
+        });
+        if stands_still {
+            return;
+        }
+        self.last = Some(*pose);
+        self.bytes += points.bytes().len();
+        self.scans.push_back((frame, points.clone()));
+        while self.bytes > BYTES_BETWEEN {
+            let Some((_, oldest)) = self.scans.pop_front() else { break };
+            self.bytes -= oldest.bytes().len();
+        }
+    }
+}
+
+/// A drive that has ended. The places as they were before stay beside it: a drive that goes on goes on from those.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Finished {
+    places: PlaceGraph,
+    /// Frames whose scans were fitted to the map of all key scans, ascending, with their poses, world from body.
+    refined: Vec<(usize, Pose2)>,
+}
+
+/// What is stored of a session beside the frames' poses and the key scans, which only grow.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct SessionState {
+    map: MapConfig,
+    matcher: MatcherConfig,
+    last_drawn: Option<Pose2>,
+    places: Option<PlaceGraph>,
+    finished: Option<Finished>,
+    front_end: Option<FrontEndState>,
+}
+
+/// Why what was stored is no session.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct SessionError(pub(crate) &'static str);
+
+impl Session {
+    /// Nothing seen yet; with `places` where loops are closed.
+    #[must_use]
+    pub fn new(map: &MapConfig, places: Option<PlaceGraph>) -> Self {
+        Self {
+            map: map.clone(),
+            poses: Vec::new(),
+            scans: Vec::new(),
+            between: ScansBetween::default(),
+            last_drawn: None,
+            places,
+            front_end: None,
+            finished: None,
+        }
+    }
+
+    /// Number of frames.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.poses.len()
+    }
+
+    /// Number of frames whose pose in the front end's frame does not change any more.
+    #[must_use]
+    pub fn settled_frames(&self) -> usize {
+        self.places_so_far().and_then(PlaceGraph::open_since).unwrap_or(0)
+    }
+
+    /// The key scans, in the order of the drive.
+    #[must_use]
+    pub fn scans(&self) -> &[StoredScan] {
+        &self.scans
+    }
+
+    /// How places lie to each other, at the end of the drive where that has come; `None` where loops are not closed.
+    #[must_use]
+    pub fn places(&self) -> Option<&PlaceGraph> {
+        self.finished.as_ref().map(|finished| &finished.places).or(self.places.as_ref())
+    }
+
+    /// The front end's poses, `odom_from_body`, one for each frame.
+    #[must_use]
+    pub fn poses(&self) -> &[StampedPose] {
+        &self.poses
+    }
+
+    pub(crate) fn front_end(&self) -> Option<&FrontEndState> {
+        self.front_end.as_ref()
+    }
+
+    pub(crate) fn set_front_end(&mut self, state: Option<FrontEndState>) {
+        self.front_end = state;
+    }
+
+    /// The drive goes on: what it amounted to as yet is no end.
+    pub(crate) fn reopen(&mut self) {
+        self.finished = None;
+    }
+
+    /// What is to be stored beside [`poses`](Self::poses) and [`scans`](Self::scans). `matcher` is how scans were
+    /// matched.
+    #[must_use]
+    pub fn state(&self, matcher: &MatcherConfig) -> SessionState {
+        SessionState {
+            map: self.map.clone(),
+            matcher: matcher.clone(),
+            last_drawn: self.last_drawn,
+            places: self.places.clone(),
+            finished: self.finished.clone(),
+            front_end: self.front_end.clone(),
+        }
+    }
+
+    /// A session as it was stored; poses and scans may be newer than the rest.
+    ///
+    /// # Errors
+    /// When the parts do not belong together.
+    pub fn restore(state: SessionState, poses: Vec<StampedPose>, scans: Vec<StoredScan>) -> Result<Self, SessionError> {
+        let holds = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(SessionError(what)) };
+        let are_finite = poses.iter().all(|stamped| stamped.pose.is_finite() && stamped.stamp_s.is_finite());
+        holds(are_finite, "a pose is not finite")?;
+        holds(scans.iter().all(|scan| scan.frame < poses.len()), "a key scan is of a frame that is not there")?;
+        holds(scans.is_sorted_by(|a, b| a.frame < b.frame), "key scans are out of order")?;
+        let window = state.front_end.as_ref().map_or(0, FrontEndState::window_scans);
+        holds(window <= scans.len(), "the front end's map is made of more key scans than there are")?;
+        let mut session = Self {
+            map: state.map,
+            poses,
+            scans,
+            between: ScansBetween::default(),
+            last_drawn: state.last_drawn,
+            places: state.places,
+            front_end: state.front_end,
+            finished: state.finished,
+        };
+        let odom_from_bodies = session.odom_from_bodies();
+        let frames: Vec<usize> = session.scans.iter().map(|scan| scan.frame).collect();
+        let points: Vec<CompactScan> = session.scans.iter().map(|scan| scan.points.clone()).collect();
+        let thinning = state.matcher.thinning();
+        if let Some(places) = &mut session.places {
+            places.restore(&odom_from_bodies, &frames, &points, &thinning).map_err(SessionError)?;
+        }
+        if let Some(finished) = &mut session.finished {
+            finished.places.restore(&odom_from_bodies, &frames, &points, &thinning).map_err(SessionError)?;
+            let frames: Vec<usize> = finished.refined.iter().map(|(frame, _)| *frame).collect();
+            let are_frames =
+                frames.is_sorted_by(|a, b| a < b) && frames.last().is_none_or(|&last| last < session.poses.len());
+            let are_finite = finished.refined.iter().all(|(_, pose)| pose.is_finite());
+            holds(are_frames && are_finite, "the refined poses are not those of frames")?;
+        }
+        Ok(session)
+    }
+
+    /// How places lie to each other as far as the drive has come; `None` where loops are not closed.
+    pub(crate) fn places_so_far(&self) -> Option<&PlaceGraph> {
+        self.places.as_ref()
+    }
+
+    pub(crate) fn places_mut(&mut self) -> Option<&mut PlaceGraph> {
+        self.places.as_mut()
+    }
+
+    /// Appends a frame's pose, `odom_from_body`.
+    pub fn push(&mut self, pose: StampedPose) {
+        self.poses.push(pose);
+    }
+
+    /// Gives the frames from `first` on other poses, `odom_from_body`: which of several particles is the best may
+    /// change, and what seemed to fit may turn out not to.
+    pub fn set_poses(&mut self, first: usize, poses: &[Pose2]) {
+        self.poses.iter_mut().skip(first).zip(poses).for_each(|(stamped, pose)| stamped.pose = *pose);
+    }
+
+    /// Keeps the points of the scan of a frame, the newest so far.
+    pub fn add_scan(&mut self, frame: usize, points: CompactScan) {
+        let Some(pose) = self.poses.get(frame).map(|stamped| stamped.pose) else { return };
+        let is_drawn = self.last_drawn.is_none_or(|last| {
+            let step = last.between(&pose);
+            step.distance() > self.map.redraw_distance_m || step.theta.abs() > self.map.redraw_angle_rad
+        });
+        if is_drawn {
+            self.last_drawn = Some(pose);
+        }
+        self.scans.push(StoredScan { frame, points, is_drawn });
+    }
+
+    /// Keeps the points of the newest frame's scan, which is no key scan, as long as there is room.
+    pub(crate) fn add_scan_between(&mut self, points: &CompactScan) {
+        if let Some(newest) = self.poses.last() {
+            self.between.add(self.poses.len() - 1, &newest.pose, points);
+        }
+    }
+
+    /// Takes in a key scan; tells whether it ended a submap. `poses_since(frame)` are the front end's poses from
+    /// that frame on.
+    pub fn add_key_scan(&mut self, key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> bool {
+        self.add_scan(key_scan.frame, key_scan.points.clone());
+        self.places.as_mut().is_some_and(|places| places.add(key_scan, poses_since))
+    }
+
+    /// Where the frames' poses are known in the world.
+    fn anchors(&self) -> Vec<Anchor> {
+        let submaps = self.places().map(PlaceGraph::anchors).unwrap_or_default();
+        let refined = self.finished.as_ref().map_or(&[][..], |finished| &finished.refined);
+        if refined.is_empty() {
+            return submaps;
+        }
+        let interruption = |frame: usize| {
+            let submap = submaps.binary_search_by_key(&frame, |anchor| anchor.frame).ok()?;
+            submaps[submap].interruption
+        };
+        refined.iter().map(|&(frame, pose)| Anchor { frame, pose, interruption: interruption(frame) }).collect()
+    }
+
+    /// The poses of all frames, world from body; the first is the identity.
+    #[must_use]
+    pub fn world_from_bodies(&self) -> Vec<Pose2> {
+        let poses = corrected_poses(&self.odom_from_bodies(), &self.anchors());
+        let start = poses.first().copied().unwrap_or(Pose2::IDENTITY);
+        poses.iter().map(|pose| start.between(pose)).collect()
+    }
+
+    /// The trajectory: the body's pose in the world at each frame's stamp.
+    #[must_use]
+    pub fn trajectory(&self) -> Vec<StampedPose> {
+        let poses = self.world_from_bodies();
+        self.poses.iter().zip(poses).map(|(stamped, pose)| StampedPose { pose, ..*stamped }).collect()
+    }
+
+    /// The occupancy grid, drawn with what `renderer` drew before.
+    pub fn draw<'a>(&self, renderer: &'a mut Renderer) -> &'a OccupancyGrid {
+        self.draw_along(&self.world_from_bodies(), renderer)
+    }
+
+    /// The same along other poses of the frames, world from body.
+    pub fn draw_along<'a>(&self, world_from_bodies: &[Pose2], renderer: &'a mut Renderer) -> &'a OccupancyGrid {
+        let drawn = self.scans.iter().filter(|scan| scan.is_drawn && scan.frame < world_from_bodies.len());
+        let (scans, poses): (Vec<_>, Vec<_>) = drawn.map(|scan| (&scan.points, world_from_bodies[scan.frame])).unzip();
+        renderer.draw(&scans, &poses)
+    }
+
+    /// The occupancy grid, drawn from nothing.
+    #[must_use]
+    pub fn map(&self) -> OccupancyGrid {
+        let mut renderer = Renderer::new(&self.map);
+        self.draw(&mut renderer);
+        renderer.into_grid()
+    }
+
+    /// Ends the drive: the last loops are closed, and all key scans are fitted to each other, so many times.
+    pub(crate) fn finish(&mut self, back_end: BackEnd, refinements: usize, matcher: &MatcherConfig) {
+        let Some(places) = &self.places else { return };
+        let mut places = places.clone();
+        back_end.finish(&mut places);
+        self.finished = Some(Finished { places, refined: Vec::new() });
+        if refinements == 0 {
+            return;
+        }
+        let poses = corrected_poses(&self.odom_from_bodies(), &self.anchors());
+        let thinning = matcher.thinning();
+        let surfaces = |points: &CompactScan| SurfaceScan::new(&points.unpack(), &thinning);
+        let key_scans: Vec<SurfaceScan> = self.scans.par_iter().map(|scan| surfaces(&scan.points)).collect();
+        let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame]).collect();
+        for _ in 1..refinements {
+            of_key_scans = refine(&map_of(&key_scans, &of_key_scans, matcher), &key_scans, &of_key_scans, matcher);
+        }
+        let map = map_of(&key_scans, &of_key_scans, matcher);
+        of_key_scans = refine(&map, &key_scans, &of_key_scans, matcher);
+        // These are many: their surfaces are made one by one.
+        let refined_between = |(frame, points): &(usize, CompactScan)| {
+            refine(&map, &[surfaces(points)], &[poses[*frame]], matcher).first().map(|pose| (*frame, *pose))
+        };
+        let of_between: Vec<Option<(usize, Pose2)>> = self.between.scans.par_iter().map(refined_between).collect();
+        let key_frames = self.scans.iter().map(|scan| scan.frame).zip(of_key_scans);
+        let mut refined: Vec<(usize, Pose2)> = key_frames.chain(of_between.into_iter().flatten()).collect();
+        refined.sort_by_key(|&(frame, _)| frame);
+        if let Some(finished) = &mut self.finished {
+            finished.refined = refined;
+        }
+    }
+
+    fn odom_from_bodies(&self) -> Vec<Pose2> {
+        self.poses.iter().map(|stamped| stamped.pose).collect()
+    }
+}

@@ -1,0 +1,327 @@
+//! A scan's points with the normals of the surfaces they lie on.
+
+use super::{Horizon, Surface};
+use crate::frame::BodyScan;
+use crate::geometry::Pose2;
+
+/// Neighbours within this distance along the scan share a normal, metres.
+const NEIGHBOURHOOD_M: f32 = 0.12;
+/// At least this many beam spacings are looked at to each side, so that far walls have normals too.
+const NEIGHBOURHOOD_SPACINGS: f32 = 2.5;
+
+/// Directions of normals that are told apart when points are balanced.
+const DIRECTIONS: usize = 16;
+/// Surfaces less flat than this count as having no direction.
+const ROUGH: f32 = 0.3;
+
+/// How many points of a scan are kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thinning {
+    /// Points are thinned to this distance along surfaces, metres.
+    pub point_spacing_m: f64,
+    /// Points are thinned further where there would be many more than this.
+    pub max_points: usize,
+}
+
+impl Default for Thinning {
+    fn default() -> Self {
+        Self { point_spacing_m: 0.03, max_points: 300 }
+    }
+}
+
+/// Points with normals in the body's frame, thinned to about equal distances along the surfaces.
+#[derive(Debug, Clone, Default)]
+pub struct SurfaceScan {
+    /// Where the LiDAR is in the body's frame, metres.
+    pub origin_m: [f64; 2],
+    /// Points, metres, and their normals, stored by coordinate so that loops over them vectorise.
+    pub(crate) x_m: Vec<f32>,
+    pub(crate) y_m: Vec<f32>,
+    pub(crate) normal_x: Vec<f32>,
+    pub(crate) normal_y: Vec<f32>,
+}
+
+impl SurfaceScan {
+    /// Points of `scan`, thinned as asked for, with normals from all its points.
+    ///
+    /// The step from one point to the next follows from how densely the surface was hit. Taking
+    /// the first point that is far enough away would prefer points whose noise moves them away:
+    /// walls ahead and behind would seem turned, always the same way.
+    #[must_use]
+    pub fn new(scan: &BodyScan, thinning: &Thinning) -> Self {
+        let xs = &scan.hits.x_m;
+        let ys = &scan.hits.y_m;
+        let count = xs.len();
+        let sums = RunningSums::new(xs, ys);
+        let spacing = spacing_for(xs, ys, thinning);
+        let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
+        let mut result = Self::with_capacity(scan.origin_m, count.min(thinning.max_points));
+        let mut i = 0;
+        while i < count {
+            let (x, y) = (xs[i], ys[i]);
+            let range = length(x - origin_x, y - origin_y);
+            let reach =
+                NEIGHBOURHOOD_M.max(spacing).max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
+            let within = |j: usize| {
+                let (dx, dy) = (xs[j] - x, ys[j] - y);
+                dx * dx + dy * dy <= reach * reach
+            };
+            let mut begin = i;
+            while begin > 0 && within(begin - 1) {
+                begin -= 1;
+            }
+            let mut end = i + 1;
+            while end < count && within(end) {
+                end += 1;
+            }
+            let towards = [origin_x - x, origin_y - y];
+            let normal = if end - begin >= 3 {
+                Some(sums.normal(begin, end, towards))
+            } else {
+                normal_of_far_wall(xs, ys, i, range, &sums, towards)
+            };
+            if let Some(normal) = normal {
+                result.push([x, y], normal);
+            }
+            let extent = length(xs[end - 1] - xs[begin], ys[end - 1] - ys[begin]);
+            let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as usize;
+            i = (i + step.max(1)).min(end);
+        }
+        result
+    }
+
+    /// The surfaces of a map as if they had been seen from one place.
+    #[must_use]
+    pub fn from_surfaces<'a>(origin_m: [f64; 2], surfaces: impl Iterator<Item = &'a Surface>) -> Self {
+        let mut result = Self::with_capacity(origin_m, 0);
+        surfaces.for_each(|surface| result.push(surface.mean_m, surface.normal.map(|n| n * surface.flatness)));
+        result
+    }
+
+    fn with_capacity(origin_m: [f64; 2], points: usize) -> Self {
+        let column = || Vec::with_capacity(points);
+        Self { origin_m, x_m: column(), y_m: column(), normal_x: column(), normal_y: column() }
+    }
+
+    #[inline]
+    fn push(&mut self, [x, y]: [f32; 2], [normal_x, normal_y]: [f32; 2]) {
+        self.x_m.push(x);
+        self.y_m.push(y);
+        self.normal_x.push(normal_x);
+        self.normal_y.push(normal_y);
+    }
+
+    /// At most about `most` of the points, chosen so that surfaces of all directions have their say
+    /// (normal-space sampling, Rusinkiewicz & Levoy 2001): along a corridor its few recesses and
+    /// corners tell more than its long walls.
+    #[must_use]
+    pub fn balanced(&self, most: usize) -> Self {
+        let mut buckets: Vec<Vec<usize>> = vec![Vec::new(); DIRECTIONS + 1];
+        for (index, (_, [x, y])) in self.iter().enumerate() {
+            let direction = if length(x, y) < ROUGH {
+                DIRECTIONS
+            } else {
+                let turns = f64::from(y.atan2(x)) / std::f64::consts::TAU;
+                ((turns * DIRECTIONS as f64).round() as i64).rem_euclid(DIRECTIONS as i64) as usize
+            };
+            buckets[direction].push(index);
+        }
+        // Small buckets keep all of their points; what they leave is shared among the larger ones.
+        let mut by_size: Vec<usize> = (0..buckets.len()).filter(|&bucket| !buckets[bucket].is_empty()).collect();
+        by_size.sort_by_key(|&bucket| (buckets[bucket].len(), bucket));
+        let mut left = most;
+        let mut chosen = Vec::with_capacity(most + buckets.len());
+        for (done, &bucket) in by_size.iter().enumerate() {
+            let points = &buckets[bucket];
+            let quota = (left / (by_size.len() - done)).clamp(1, points.len());
+            chosen.extend((0..quota).map(|k| points[k * points.len() / quota]));
+            left = left.saturating_sub(quota);
+        }
+        chosen.sort_unstable();
+        let mut result = Self::with_capacity(self.origin_m, chosen.len());
+        for index in chosen {
+            result.push([self.x_m[index], self.y_m[index]], [self.normal_x[index], self.normal_y[index]]);
+        }
+        result
+    }
+
+    /// How far the scan saw, in the frame in which its origin has the pose `frame_from_scan`.
+    #[must_use]
+    pub fn horizon(&self, frame_from_scan: &Pose2) -> Horizon {
+        let ends = self.iter().map(|(point, _)| frame_from_scan.transform_point(point.map(f64::from)));
+        Horizon::new(frame_from_scan.transform_point(self.origin_m), ends)
+    }
+
+    /// The points that another scan had in view; each scan with its pose.
+    #[must_use]
+    pub fn in_view_of(&self, pose: &Pose2, other: &Self, other_pose: &Pose2) -> Self {
+        let horizon = other.horizon(&Pose2::IDENTITY);
+        let other_from_self = other_pose.between(pose);
+        self.filtered(|point| {
+            horizon.reaches(other_from_self.transform_point(point.map(f64::from)).map(|v| v as f32), 0.0)
+        })
+    }
+
+    /// The points that are wanted, given their places (metres).
+    #[must_use]
+    pub fn filtered(&self, is_wanted: impl Fn([f32; 2]) -> bool) -> Self {
+        let mut result = Self::with_capacity(self.origin_m, self.len());
+        self.iter().filter(|(point, _)| is_wanted(*point)).for_each(|(point, normal)| result.push(point, normal));
+        result
+    }
+
+    /// The points that are marked, given a mark for each.
+    #[must_use]
+    pub fn selected(&self, marks: impl Iterator<Item = bool>) -> Self {
+        let mut result = Self::with_capacity(self.origin_m, self.len());
+        self.iter().zip(marks).filter(|(_, mark)| *mark).for_each(|((point, normal), _)| result.push(point, normal));
+        result
+    }
+
+    /// The same points as seen from another frame, given that frame's pose in this one.
+    #[must_use]
+    pub fn seen_from(&self, pose: &Pose2) -> Self {
+        let inverse = pose.inverse();
+        let (sin, cos) = (inverse.theta.sin() as f32, inverse.theta.cos() as f32);
+        let mut result = Self::with_capacity(inverse.transform_point(self.origin_m), self.len());
+        for (point, [nx, ny]) in self.iter() {
+            let moved = inverse.transform_point(point.map(f64::from)).map(|v| v as f32);
+            result.push(moved, [cos * nx - sin * ny, sin * nx + cos * ny]);
+        }
+        result
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.x_m.len()
+    }
+
+    /// Whether there is no point.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.x_m.is_empty()
+    }
+
+    /// Each point (metres) with its normal, whose length says how flat the surface is (1 a wall, 0 no direction).
+    pub fn iter<'a>(&'a self) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + 'a {
+        let pairs = |x: &'a [f32], y: &'a [f32]| x.iter().zip(y).map(|(&x, &y)| [x, y]);
+        pairs(&self.x_m, &self.y_m).zip(pairs(&self.normal_x, &self.normal_y))
+    }
+}
+
+/// The distance between kept points that leaves about as many as asked for: `point_spacing_m`, or more in
+/// scans that see so much surface that there would be too many.
+fn spacing_for(xs: &[f32], ys: &[f32], thinning: &Thinning) -> f32 {
+    let spacing_m = thinning.point_spacing_m as f32;
+    let steps = |i: usize| length(xs[i] - xs[i - 1], ys[i] - ys[i - 1]);
+    // Steps longer than the spacing keep a point each, whatever their length.
+    let surface_m: f32 = (1..xs.len()).map(steps).filter(|step| *step < spacing_m).sum();
+    spacing_m.max(surface_m / thinning.max_points as f32)
+}
+
+/// The normal at a point that stands alone, where it lies on one line with the rays before and
+/// after it: a wall at a graze. Without a normal such points would be taken for objects; as the
+/// robot moves each lies a little farther along the wall, close to where the ray before it was, and so they
+/// would hold the robot back.
+fn normal_of_far_wall(
+    xs: &[f32],
+    ys: &[f32],
+    i: usize,
+    range: f32,
+    sums: &RunningSums,
+    towards: [f32; 2],
+) -> Option<[f32; 2]> {
+    let (begin, end) = (i.saturating_sub(WALL_RAYS), (i + WALL_RAYS + 1).min(xs.len()));
+    let step = |j: usize| length(xs[j] - xs[j - 1], ys[j] - ys[j - 1]);
+    let longest = (begin + 1..end).map(step).fold(0.0, f32::max);
+    if end - begin < WALL_RAYS + 2 || longest > (WALL_STEP_PER_RANGE * range).min(WALL_STEP_M) {
+        return None;
+    }
+    let normal = sums.normal(begin, end, towards);
+    (sums.thickness(begin, end) < WALL_THICKNESS_M + WALL_THICKNESS_PER_RANGE * f64::from(range)).then_some(normal)
+}
+
+/// Rays to either side that must lie on one line.
+const WALL_RAYS: usize = 3;
+/// Largest step from ray to ray on a wall at a graze, metres and as a share of the range.
+const WALL_STEP_M: f32 = 3.0;
+const WALL_STEP_PER_RANGE: f32 = 0.15;
+/// Root mean square distance from that line, metres and as a share of the range.
+const WALL_THICKNESS_M: f64 = 0.02;
+const WALL_THICKNESS_PER_RANGE: f64 = 0.001;
+
+/// Distance to the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
+fn spacing_between_beams(xs: &[f32], ys: &[f32], i: usize, range: f32) -> f32 {
+    let to = |j: usize| length(xs[j] - xs[i], ys[j] - ys[i]);
+    let before = if i > 0 { to(i - 1) } else { f32::INFINITY };
+    let after = if i + 1 < xs.len() { to(i + 1) } else { f32::INFINITY };
+    before.min(after).min(0.05 * range)
+}
+
+/// Length of a vector. `hypot`, which is exact for lengths near the limits of floats, is a slow function call.
+#[inline]
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt()
+}
+
+/// Sums over the first k points, so that the spread of any run of points costs one subtraction.
+struct RunningSums(Vec<[f64; 5]>);
+
+impl RunningSums {
+    fn new(xs: &[f32], ys: &[f32]) -> Self {
+        let mut sums = Vec::with_capacity(xs.len() + 1);
+        let mut total = [0.0; 5];
+        sums.push(total);
+        for (&x, &y) in xs.iter().zip(ys) {
+            let (x, y) = (f64::from(x), f64::from(y));
+            for (sum, term) in total.iter_mut().zip([x, y, x * x, x * y, y * y]) {
+                *sum += term;
+            }
+            sums.push(total);
+        }
+        Self(sums)
+    }
+
+    /// Root mean square distance of points `begin..end` from the line through them.
+    fn thickness(&self, begin: usize, end: usize) -> f64 {
+        let (xx, xy, yy) = self.spread(begin, end);
+        (0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt()).max(0.0).sqrt()
+    }
+
+    /// Covariance of the coordinates of points `begin..end`.
+    fn spread(&self, begin: usize, end: usize) -> (f64, f64, f64) {
+        let count = (end - begin) as f64;
+        let (low, high) = (&self.0[begin], &self.0[end]);
+        let mean = |k: usize| (high[k] - low[k]) / count;
+        let (mean_x, mean_y) = (mean(0), mean(1));
+        (mean(2) - mean_x * mean_x, mean(3) - mean_x * mean_y, mean(4) - mean_y * mean_y)
+    }
+
+    /// The normal of the line through points `begin..end` on the side of `towards`; its length
+    /// is 1 for points on a line and 0 for points without direction.
+    fn normal(&self, begin: usize, end: usize, towards: [f32; 2]) -> [f32; 2] {
+        if end - begin < 3 {
+            return [0.0, 0.0];
+        }
+        let (xx, xy, yy) = self.spread(begin, end);
+        // Eigenvalues of the 2 × 2 covariance.
+        let half_trace = 0.5 * (xx + yy);
+        let root = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
+        let (small, large) = ((half_trace - root).max(0.0), half_trace + root);
+        let flatness = (1.0 - 4.0 * small / large.max(1e-12)).clamp(0.0, 1.0);
+        if root <= 0.0 {
+            return [0.0, 0.0];
+        }
+        // Cosine and sine of the line's angle from those of twice the angle.
+        let (cos_twice, sin_twice) = (0.5 * (xx - yy) / root, xy / root);
+        let larger = (0.5 * (1.0 + cos_twice.abs())).sqrt();
+        let smaller = 0.5 * sin_twice / larger;
+        let (cos, sin) = if cos_twice >= 0.0 { (larger, smaller) } else { (smaller, larger) };
+        let (mut nx, mut ny) = (-sin as f32, cos as f32);
+        if nx * towards[0] + ny * towards[1] < 0.0 {
+            (nx, ny) = (-nx, -ny);
+        }
+        [nx * flatness as f32, ny * flatness as f32]
+    }
+}
