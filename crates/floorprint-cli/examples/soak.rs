@@ -5,7 +5,7 @@
 //! from drive to drive only the trajectory and the pose graph grow.
 
 use anyhow::Context;
-use floorprint::odometry::Frames;
+use floorprint::Frames;
 use floorprint::{Config, Frame, NoProfiler, Slam};
 use floorprint_io::OpenOptions;
 use nix::sys::resource::{UsageWho, getrusage};

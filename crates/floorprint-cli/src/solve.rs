@@ -8,11 +8,11 @@ use anyhow::{anyhow, ensure};
 use floorprint::geometry::Pose2;
 use floorprint::loop_closure::{ClosureReport, Kidnapping};
 use floorprint::map::OccupancyGrid;
-use floorprint::odometry::{Frames, OdometryError, SynchronisationSummary, Trajectory};
+use floorprint::odometry::{DeadReckoning, OdometryError, SynchronisationSummary, Trajectory};
 use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
-use floorprint::{Config, Frame, Phase, Profiler, Slam, SlamError, StepReport};
+use floorprint::{Config, Frame, Frames, Phase, Profiler, Slam, SlamError, StepReport};
 use floorprint_io::{DataSet, ImageIndex};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -81,7 +81,7 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) snapshots: Option<&'a mut Snapshots>,
 }
 
-/// Runs the filter over a drive and paints the floor.
+/// Runs the filter over a drive and paints the floor. The records are pushed by their stamps, or `as_they_come`.
 ///
 /// # Errors
 /// No frames can be made of the records; no scan shows anything; the camera's calibration cannot work.
@@ -89,15 +89,20 @@ pub(crate) fn solve(
     data_set: &DataSet,
     config: &Config,
     paint_floor: bool,
+    as_they_come: bool,
     around: &mut Surroundings<'_>,
 ) -> anyhow::Result<Solution> {
     around.profiler.enter(Phase::Synchronise);
-    let frames = Frames::new(&data_set.records, config).map_err(|error| match error {
+    let explain = |error: OdometryError| match error {
         OdometryError::NoScans { .. } => anyhow!("{error}: a map needs {}", data_set.format.scans),
         error => error.into(),
-    })?;
+    };
+    let mut frames = Frames::new(&data_set.records, config).map_err(explain)?;
+    if as_they_come {
+        frames = frames.in_order_of_arrival();
+    }
     let mut slam = Slam::new(config);
-    let mut steps = Vec::with_capacity(frames.len());
+    let mut steps: Vec<StepReport> = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
     let mut scan_times = ScanTimes::default();
     let progress = around.terminal.progress("solving", "scans", frames.len());
@@ -105,30 +110,33 @@ pub(crate) fn solve(
     let mut taken = Vec::with_capacity(frames.len());
     let mut something_seen = false;
     let mut partial = false;
-    for position in 0..frames.len() {
+    let mut pass = frames.iter();
+    for position in 0.. {
         partial = around.interrupt.requested();
         if partial {
             break;
         }
         around.profiler.enter(Phase::Synchronise);
         let started = Instant::now();
-        if let Some(frame) = frames.frame(position) {
-            match slam.process(&frame, around.profiler) {
-                Ok(step) => {
-                    steps.push(step);
-                    taken.push(position);
-                    something_seen |= !frame.scan.hits.is_empty();
-                }
-                Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
+        let Some(frame) = pass.next() else { break };
+        match slam.process(&frame, around.profiler) {
+            Ok(step) => {
+                steps.push(step);
+                taken.push(position);
+                something_seen |= !frame.scan.hits.is_empty();
             }
-            scan_times.add(started.elapsed().as_secs_f64());
-            if let Some(snapshots) = &mut around.snapshots {
-                snapshots.observe(&slam, &steps, || at(&frames, &taken));
-            }
+            Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
+        }
+        scan_times.add(started.elapsed().as_secs_f64());
+        if let Some(snapshots) = &mut around.snapshots {
+            snapshots.observe(&slam, &steps, || at(&frames, &taken));
         }
         progress.inc(1);
     }
     progress.finish_and_clear();
+    if let Some(error) = pass.error() {
+        return Err(explain(error.clone()));
+    }
     ensure!(
         something_seen || partial,
         "no ray of any scan hit anything from {} to {} m away (scan.range_min_m, scan.range_max_m): are the ranges in metres?",
@@ -140,18 +148,17 @@ pub(crate) fn solve(
     let odometry_scale = slam.odometry_scale();
     let result = slam.finish(|| at(&frames, &taken), around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
-    let dead_reckoned: Vec<StampedPose> = frames.dead_reckoned_poses().collect();
     let floor = match (&data_set.images, &config.robot.camera) {
         (Some(images), Some(_)) if paint_floor && !partial => {
             around.profiler.enter(Phase::Texture);
-            Some(paint(images, config, &frames, &result.trajectory, around)?)
+            Some(paint(images, config, &pass.dead_reckoning(), &result.trajectory, around)?)
         }
         _ => None,
     };
     partial |= around.interrupt.requested();
     Ok(Solution {
-        odometry: taken.iter().map(|&position| dead_reckoned[position]).collect(),
-        summary: frames.summary().clone(),
+        odometry: steps.iter().map(|step| StampedPose { stamp_s: step.stamp_s, pose: step.dead_reckoning }).collect(),
+        summary: pass.summary(),
         trajectory: result.trajectory,
         closures: result.closures,
         kidnappings: result.kidnappings,
@@ -169,14 +176,16 @@ pub(crate) fn solve(
 
 /// The frames at some positions.
 fn at<'a>(frames: &'a Frames<'_>, positions: &'a [usize]) -> impl Iterator<Item = Frame> + 'a {
-    positions.iter().filter_map(|&position| frames.frame(position))
+    let mut positions = positions.iter().peekable();
+    let taken = move |(position, frame)| positions.next_if_eq(&&position).map(|_| frame);
+    frames.iter().enumerate().filter_map(taken)
 }
 
 /// Paints the floor from the images, read as they are needed.
 fn paint(
     images: &ImageIndex,
     config: &Config,
-    frames: &Frames<'_>,
+    dead_reckoning: &DeadReckoning,
     poses: &[StampedPose],
     around: &Surroundings<'_>,
 ) -> anyhow::Result<Floor> {
@@ -184,7 +193,6 @@ fn paint(
     let mapper = FloorMapper::new(&config.texture, camera, config.seed)?;
     let stamps = |entries: &[floorprint_io::ImageEntry]| entries.iter().map(|entry| entry.stamp_s).collect::<Vec<_>>();
     let pairing = pair_by_time(&stamps(&images.disparity), &stamps(&images.color), config.texture.pairing_gap_max_s);
-    let dead_reckoning = frames.dead_reckoning();
     let trajectory = Trajectory::new(poses);
     let pose_at = |stamp_s: f64| trajectory.pose_at(stamp_s, dead_reckoning);
     let places: Vec<Pose2> = pairing.pairs.iter().map(|pair| pose_at(images.color[pair.color].stamp_s)).collect();

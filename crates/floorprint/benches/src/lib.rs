@@ -3,7 +3,7 @@
 
 use floorprint::geometry::Pose2;
 use floorprint::map::{Cell, MapConfig, OccupancyGrid, SurfaceMap, passed_cells};
-use floorprint::odometry::Frames;
+use floorprint::Frames;
 use floorprint::scan_matcher::{MatcherConfig, PoseBelief, SearchWindow, SurfaceScan, match_scan, search};
 use floorprint::simulator::{SimulationConfig, World, simulate};
 use floorprint::{BodyScan, Config};
