@@ -5,10 +5,12 @@
 
 mod encoder_clock;
 mod gyro_bias;
+mod no_return;
 mod readings;
 mod silence;
 mod track_width;
 
+pub use no_return::no_return_mark_m;
 pub(crate) use readings::Readings;
 
 use crate::config::Config;
