@@ -5,8 +5,7 @@
 //! from drive to drive only the trajectory and the pose graph grow.
 
 use anyhow::Context;
-use floorprint::odometry::Frames;
-use floorprint::{Config, Frame, Slam};
+use floorprint::{Config, Frame, Frames, Slam};
 use floorprint_io::OpenOptions;
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeValLike;

@@ -36,6 +36,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         settings: &arguments.settings,
         work: &arguments.work,
         out: &results,
+        arrival: None,
         force: true,
         earlier: None,
     };

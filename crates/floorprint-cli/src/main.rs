@@ -11,6 +11,7 @@ mod map;
 mod number;
 mod optimize;
 mod outcome;
+mod replay;
 mod report;
 mod run;
 mod run_folder;
@@ -47,6 +48,7 @@ const EXIT_CODES: &str = "Exit codes: 0 fine, 1 failed, 2 bad arguments or confi
 enum Command {
     Demo(demo::Arguments),
     Run(run::Arguments),
+    Replay(replay::Arguments),
     Simulate(simulate::Arguments),
     #[command(subcommand)]
     Evaluate(evaluate::Command),
@@ -71,6 +73,7 @@ impl Command {
         match self {
             Self::Demo(arguments) => demo::execute(arguments, terminal),
             Self::Run(arguments) => run::execute(arguments, terminal),
+            Self::Replay(arguments) => replay::execute(arguments, terminal),
             Self::Simulate(arguments) => simulate::execute(arguments, terminal),
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),

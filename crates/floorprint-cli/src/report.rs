@@ -184,7 +184,7 @@ impl Report {
         map: &Raster<Occupancy>,
     ) -> Self {
         let mut notes = data_set.notes.clone();
-        notes.extend(solution.summary.notes.iter().cloned());
+        notes.extend(solution.summary.findings.iter().map(ToString::to_string));
         let dropped = dropped(data_set, solution);
         let lost: usize = dropped.iter().map(|dropped| dropped.count).sum();
         let images = data_set.images.as_ref().map_or(0, |images| images.disparity.len() + images.color.len());
@@ -289,15 +289,7 @@ impl MapSummary {
 /// All data that were not used, by reason, from the reader to the painter.
 fn dropped(data_set: &DataSet, solution: &Solution) -> Vec<Dropped> {
     let summary = &solution.summary.dropped;
-    let synchroniser = [
-        ("scans whose stamp is not a number", summary.scans_without_stamp),
-        ("scans with another number of ranges than rays", summary.scans_of_wrong_length),
-        ("scans in which no ray says anything", summary.scans_without_valid_ray),
-        ("scans that repeat the one before them", summary.scans_repeated),
-        ("encoder readings that are not finite", summary.encoder_readings),
-        ("IMU readings that are not finite", summary.imu_readings),
-        ("odometry poses that are not finite", summary.odometry_poses),
-    ];
+    let synchroniser = summary.by_reason();
     let reader = data_set.dropped.iter().map(|(reason, count)| (reason.description().to_owned(), count));
     let synchroniser = synchroniser.into_iter().map(|(reason, count)| (reason.to_owned(), count));
     let filter = solution.refused.clone().into_iter();

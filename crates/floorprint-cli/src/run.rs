@@ -17,6 +17,7 @@ use anyhow::Context as _;
 use clap::Args;
 use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
+use floorprint::simulator::Arrival;
 use floorprint::{Phase, Profiler};
 use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, open};
 use std::path::{Path, PathBuf};
@@ -25,7 +26,7 @@ use std::path::{Path, PathBuf};
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// Data set: a file or a folder, recognised by its content.
-    path: PathBuf,
+    pub(crate) path: PathBuf,
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
     drive: Option<u32>,
@@ -42,7 +43,7 @@ pub(crate) struct Arguments {
     start: Start,
     /// Folder of the results [default: runs/NAME-PRESET, after the data set].
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub(crate) out: Option<PathBuf>,
     /// Replace the folder if it exists.
     #[arg(long)]
     force: bool,
@@ -88,6 +89,8 @@ pub(crate) struct Task<'a> {
     pub(crate) work: &'a Work,
     /// Folder of the results.
     pub(crate) out: &'a Path,
+    /// How the records come in; as they stand in the files where nothing is said.
+    pub(crate) arrival: Option<Arrival>,
     /// Whether an existing folder is replaced.
     pub(crate) force: bool,
     /// Session to go on with, and where the robot is then.
@@ -101,17 +104,28 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         let drive = arguments.drive.map_or(String::new(), |drive| format!("-{drive}"));
         Path::new("runs").join(format!("{name}{drive}-{}", arguments.settings.preset.name()))
     });
+    execute_arriving(arguments, &out, None, terminal)
+}
+
+/// Runs a drive whose records come in as told.
+pub(crate) fn execute_arriving(
+    arguments: &Arguments,
+    out: &Path,
+    arrival: Option<Arrival>,
+    terminal: &Terminal,
+) -> anyhow::Result<Outcome> {
     let task = Task {
         path: &arguments.path,
         drive: arguments.drive,
         settings: &arguments.settings,
         work: &arguments.work,
-        out: &out,
+        out,
+        arrival,
         force: arguments.force,
         earlier: arguments.earlier.as_deref().map(|path| (path, arguments.start)),
     };
     let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
-    summary::print(&mut terminal.results(), &report, &out)?;
+    summary::print(&mut terminal.results(), &report, out)?;
     if report.partial {
         terminal.warn("stopped before its end: the results are partial");
         return Ok(Outcome::Interrupted);
@@ -139,12 +153,15 @@ impl Task<'_> {
         let mut stopwatch = Stopwatch::start(Phase::Read);
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
-        let data_set = open(self.path, &OpenOptions { drive: self.drive })?;
+        let mut data_set = open(self.path, &OpenOptions { drive: self.drive })?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
         for note in &data_set.notes {
             terminal.note(note);
         }
 
+        if let Some(arrival) = &self.arrival {
+            data_set.records = arrival.of(data_set.records, config.seed);
+        }
         let earlier = match self.earlier {
             Some((path, start)) => Some(Earlier { session: SessionFile::open(path)?.load()?, start }),
             None => None,
@@ -163,7 +180,7 @@ impl Task<'_> {
             session: keeper.as_mut(),
             earlier,
         };
-        let solution = solve(&data_set, &config, !self.work.no_texture, &mut around)
+        let solution = solve(&data_set, &config, !self.work.no_texture, self.arrival.is_some(), &mut around)
             .with_context(|| format!("cannot solve {}", self.path.display()))?;
         if solution.partial && solution.trajectory.is_empty() {
             terminal.warn("stopped before the first scan: there is nothing to write");
@@ -205,8 +222,16 @@ mod tests {
         let (log, out) = (folder.path().join("drive.clf"), folder.path().join("runs/drive"));
         fs::write(&log, "FLASER 3 2.0 2.0 2.0 0 0 0 0 0 0 1.0 host 1.0\n").unwrap();
         let (settings, work) = (Settings::default(), Work::default());
-        let task =
-            Task { path: &log, drive: None, settings: &settings, work: &work, out: &out, force: false, earlier: None };
+        let task = Task {
+            path: &log,
+            drive: None,
+            settings: &settings,
+            work: &work,
+            out: &out,
+            arrival: None,
+            force: false,
+            earlier: None,
+        };
         let interrupt = Interrupt::default();
         interrupt.request();
         assert!(task.solve_and_write(&Terminal::new(true), &interrupt).unwrap().is_none());

@@ -9,12 +9,12 @@ use anyhow::{anyhow, ensure};
 use floorprint::back_end::{ClosureReport, Kidnapping};
 use floorprint::geometry::Pose2;
 use floorprint::map::OccupancyGrid;
-use floorprint::odometry::{Frames, OdometryError, SynchronisationSummary, Trajectory};
+use floorprint::odometry::{DeadReckoning, OdometryError, SynchronisationSummary, Trajectory};
 use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::session::Session;
 use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
-use floorprint::{Config, Phase, Profiler, Slam, SlamError, StepReport};
+use floorprint::{Config, Frames, Phase, Profiler, Slam, SlamError, StepReport};
 use floorprint_io::{DataSet, ImageIndex};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -113,9 +113,9 @@ const LONGEST_PAUSE_S: f64 = 10.0;
 
 impl Earlier {
     /// A SLAM that goes on with the session; the drive's first scan has this stamp, seconds.
-    fn resume(self, first_stamp_s: Option<f64>, config: &Config) -> anyhow::Result<Slam> {
+    fn resume(self, first_stamp_s: f64, config: &Config) -> anyhow::Result<Slam> {
         let last_s = self.session.poses().last().map(|stamped| stamped.stamp_s);
-        let pause_s = first_stamp_s.zip(last_s).map(|(first_s, last_s)| first_s - last_s);
+        let pause_s = last_s.map(|last_s| first_stamp_s - last_s);
         let goes_on = pause_s.is_some_and(|pause_s| (0.0..=LONGEST_PAUSE_S).contains(&pause_s));
         let mut slam = Slam::resume(self.session, config)?;
         if self.start == Start::Unknown || (self.start == Start::Auto && !goes_on) {
@@ -125,7 +125,7 @@ impl Earlier {
     }
 }
 
-/// Runs the filter over a drive and paints the floor.
+/// Runs the filter over a drive and paints the floor. The records are pushed by their stamps, or `as_they_come`.
 ///
 /// # Errors
 /// No frames can be made of the records; no scan shows anything; the camera's calibration cannot work.
@@ -133,57 +133,60 @@ pub(crate) fn solve(
     data_set: &DataSet,
     config: &Config,
     paint_floor: bool,
+    as_they_come: bool,
     around: &mut Surroundings<'_>,
 ) -> anyhow::Result<Solution> {
     around.profiler.enter(Phase::Synchronise);
-    let frames = Frames::new(&data_set.records, config).map_err(|error| match error {
+    let explain = |error: OdometryError| match error {
         OdometryError::NoScans { .. } => anyhow!("{error}: a map needs {}", data_set.format.scans),
         error => error.into(),
-    })?;
-    let goes_on = around.earlier.is_some();
-    let mut slam = match around.earlier.take() {
-        Some(earlier) => earlier.resume(frames.dead_reckoned_poses().next().map(|first| first.stamp_s), config)?,
-        None => Slam::new(config),
     };
-    let mut steps = Vec::with_capacity(frames.len());
+    let mut frames = Frames::new(&data_set.records, config).map_err(explain)?;
+    if as_they_come {
+        frames = frames.in_order_of_arrival();
+    }
+    let mut earlier = around.earlier.take();
+    let mut slam = Slam::new(config);
+    let mut steps: Vec<StepReport> = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
     let mut scan_times = ScanTimes::default();
     let progress = around.terminal.progress("solving", "scans", frames.len());
-    // Which frames the filter took in.
-    let mut taken = Vec::with_capacity(frames.len());
     let mut something_seen = false;
-    let mut partial = false;
-    for position in 0..frames.len() {
+    let mut partial;
+    let mut pass = frames.iter();
+    loop {
         partial = around.interrupt.requested();
         if partial {
             break;
         }
         around.profiler.enter(Phase::Synchronise);
         let started = Instant::now();
-        if let Some(mut frame) = frames.frame(position) {
-            if goes_on && steps.is_empty() {
-                // Nothing measured the motion between the two drives.
-                frame.motion = None;
+        let Some(mut frame) = pass.next() else { break };
+        if let Some(earlier) = earlier.take() {
+            slam = earlier.resume(frame.stamp_s, config)?;
+            // Nothing measured the motion between the two drives.
+            frame.motion = None;
+        }
+        match slam.process_profiled(&frame, around.profiler) {
+            Ok(step) => {
+                steps.push(step);
+                something_seen |= !frame.scan.hits.is_empty();
             }
-            match slam.process_profiled(&frame, around.profiler) {
-                Ok(step) => {
-                    steps.push(step);
-                    taken.push(position);
-                    something_seen |= !frame.scan.hits.is_empty();
-                }
-                Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
-            }
-            scan_times.add(started.elapsed().as_secs_f64());
-            if let Some(snapshots) = &mut around.snapshots {
-                snapshots.observe(&mut slam, &steps);
-            }
-            if let Some(session) = &mut around.session {
-                session.observe(&mut slam, &config.matcher);
-            }
+            Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
+        }
+        scan_times.add(started.elapsed().as_secs_f64());
+        if let Some(snapshots) = &mut around.snapshots {
+            snapshots.observe(&mut slam, &steps);
+        }
+        if let Some(session) = &mut around.session {
+            session.observe(&mut slam, &config.matcher);
         }
         progress.inc(1);
     }
     progress.finish_and_clear();
+    if let Some(error) = pass.error() {
+        return Err(explain(error.clone()));
+    }
     ensure!(
         something_seen || partial,
         "no ray of any scan hit anything from {} to {} m away (scan.range_min_m, scan.range_max_m): are the ranges in metres?",
@@ -195,18 +198,17 @@ pub(crate) fn solve(
     let odometry_scale = slam.odometry_scale();
     let result = slam.finish_profiled(around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
-    let dead_reckoned: Vec<StampedPose> = frames.dead_reckoned_poses().collect();
     let floor = match (&data_set.images, &config.robot.camera) {
         (Some(images), Some(_)) if paint_floor && !partial => {
             around.profiler.enter(Phase::Texture);
-            Some(paint(images, config, &frames, &result.trajectory, around)?)
+            Some(paint(images, config, &pass.dead_reckoning(), &result.trajectory, around)?)
         }
         _ => None,
     };
     partial |= around.interrupt.requested();
     Ok(Solution {
-        odometry: taken.iter().map(|&position| dead_reckoned[position]).collect(),
-        summary: frames.summary().clone(),
+        odometry: steps.iter().map(|step| StampedPose { stamp_s: step.stamp_s, pose: step.dead_reckoning }).collect(),
+        summary: pass.summary(),
         trajectory: result.trajectory,
         closures: result.closures,
         kidnappings: result.kidnappings,
@@ -227,7 +229,7 @@ pub(crate) fn solve(
 fn paint(
     images: &ImageIndex,
     config: &Config,
-    frames: &Frames<'_>,
+    dead_reckoning: &DeadReckoning,
     poses: &[StampedPose],
     around: &Surroundings<'_>,
 ) -> anyhow::Result<Floor> {
@@ -235,7 +237,6 @@ fn paint(
     let mapper = FloorMapper::new(&config.texture, camera, config.seed)?;
     let stamps = |entries: &[floorprint_io::ImageEntry]| entries.iter().map(|entry| entry.stamp_s).collect::<Vec<_>>();
     let pairing = pair_by_time(&stamps(&images.disparity), &stamps(&images.color), config.texture.pairing_gap_max_s);
-    let dead_reckoning = frames.dead_reckoning();
     let trajectory = Trajectory::new(poses);
     let pose_at = |stamp_s: f64| trajectory.pose_at(stamp_s, dead_reckoning);
     let places: Vec<Pose2> = pairing.pairs.iter().map(|pair| pose_at(images.color[pair.color].stamp_s)).collect();

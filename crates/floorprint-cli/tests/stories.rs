@@ -156,6 +156,57 @@ fn the_results_are_the_same_bytes_for_any_number_of_threads() {
 }
 
 #[test]
+fn a_drive_that_comes_in_live_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let results =
+        |out: &Path| ["trajectory.tum", "odometry.tum", "map.pgm"].map(|name| fs::read(out.join(name)).unwrap());
+    for survey in ["true", "false"] {
+        let survey = format!("odometry.survey={survey}");
+        let out = folder.path().join(format!("run-{survey}"));
+        run(&drive(), &out, &["--no-texture", "--set", &survey]);
+        let expected = results(&out);
+        for (threads, jitter) in [("1", "0"), ("2", "0.15"), ("8", "0.29")] {
+            let out = folder.path().join(format!("replay-{survey}-{threads}"));
+            let output = floorprint(&[
+                "replay",
+                &drive(),
+                "--out",
+                out.to_str().unwrap(),
+                "--jitter",
+                jitter,
+                "--threads",
+                threads,
+                "--no-texture",
+                "--set",
+                &survey,
+            ]);
+            assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+            assert!(results(&out) == expected, "{survey}, {threads} threads, {jitter} s of jitter");
+        }
+    }
+    let out = folder.path().join("lossy");
+    let output = floorprint(&[
+        "replay",
+        &drive(),
+        "--out",
+        out.to_str().unwrap(),
+        "--jitter",
+        "0.1",
+        "--drop",
+        "0.1",
+        "--seed",
+        "3",
+        "--no-texture",
+    ]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let (all, lossy) = (report(&folder.path().join("run-odometry.survey=true")), report(&out));
+    let poses = |report: &serde_json::Value| report["drive"]["poses"].as_f64().unwrap();
+    let share = poses(&lossy) / poses(&all);
+    assert!((0.85..0.95).contains(&share), "{share}");
+    assert!(lossy["errors"]["trajectory"]["translation_m"]["rmse"].as_f64().unwrap() < 0.03, "{lossy}");
+}
+
+#[test]
 fn the_resolved_configuration_repeats_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let (first, second) = (folder.path().join("first"), folder.path().join("second"));

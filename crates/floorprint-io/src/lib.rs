@@ -10,7 +10,6 @@ mod g2o;
 mod images;
 mod lines;
 mod map_file;
-mod no_return;
 mod npy;
 mod npz;
 mod npz_writer;

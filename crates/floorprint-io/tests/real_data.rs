@@ -3,10 +3,10 @@
 mod data_folder;
 
 use data_folder::data;
+use floorprint::Frames;
 use floorprint::config::Layer;
 use floorprint::evaluation::{RelationReport, WallSharpness};
 use floorprint::geometry::Pose2;
-use floorprint::odometry::Frames;
 use floorprint::sensors::Record;
 use floorprint::{Config, Frame, Slam, SlamError, SlamResult};
 use floorprint_io::{DropReason, OpenOptions, open, read_relations, read_trajectory};

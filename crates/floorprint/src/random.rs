@@ -23,6 +23,8 @@ pub enum Stage {
     Sensors = 6,
     /// Random sample consensus of the floor plane.
     FloorPlane = 7,
+    /// Delays of records on their way.
+    Arrival = 8,
 }
 
 /// The generator for `particle` at `step` of `stage`.

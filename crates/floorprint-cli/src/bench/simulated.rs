@@ -18,10 +18,9 @@ use floorprint::evaluation::{
     MapQuality, MapQualityOptions, PoseError, TrajectoryError, TrajectoryErrorOptions, WallSharpness,
 };
 use floorprint::geometry::Pose2;
-use floorprint::odometry::Frames;
 use floorprint::sensors::{Record, Records, StampedPose};
 use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
-use floorprint::{Config, Slam};
+use floorprint::{Config, Frames, Slam};
 use std::borrow::Cow;
 use std::io::Write as _;
 use std::process::Command;
@@ -151,12 +150,14 @@ fn solve(drive: &SimulatedDrive, config: &Config, compare_maps: bool) -> anyhow:
     let frames = Frames::of(&source, config)?;
     let mut slam = Slam::new(config);
     let mut scan_times = ScanTimes::default();
-    for position in 0..frames.len() {
+    let mut pass = frames.iter();
+    let mut dead_reckoning = Vec::with_capacity(frames.len());
+    loop {
         let before_s = clock();
-        if let Some(frame) = frames.frame(position) {
-            slam.process(&frame)?;
-        }
+        let Some(frame) = pass.next() else { break };
+        slam.process(&frame)?;
         scan_times.add(clock() - before_s);
+        dead_reckoning.push(StampedPose { stamp_s: frame.stamp_s, pose: frame.dead_reckoning });
     }
     let live_s = clock();
     let result = slam.finish();
@@ -167,7 +168,6 @@ fn solve(drive: &SimulatedDrive, config: &Config, compare_maps: bool) -> anyhow:
     let truth = drive.truth();
     let options = TrajectoryErrorOptions { spans: Vec::new(), ..TrajectoryErrorOptions::default() };
     let error = TrajectoryError::new(&result.trajectory, &truth, &options)?;
-    let dead_reckoning: Vec<StampedPose> = frames.dead_reckoned_poses().collect();
     let odometry = TrajectoryError::new(&dead_reckoning, &truth, &options)?;
     let end = result.trajectory.last().map(|last| PoseError::between(&drive.true_pose(last.stamp_s), &last.pose));
     let candidates = serde_json::to_value(Loops::new(&result.closures, &result.trajectory).candidates)?;

@@ -25,12 +25,12 @@ use crate::calibration;
 use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
 use crate::error::{Problem, ReadError, quoted};
 use crate::lines::Lines;
-use crate::no_return::no_return_mark_m;
 use crate::number::Tokens;
 use crate::source::{FileSource, Source};
 use floorprint::SensorId;
 use floorprint::geometry::{Mount, Pose2, wrap_angle};
 use floorprint::sensors::{Record, Scan, ScanGeometry, StampedPose};
+use floorprint::survey::no_return_mark_m;
 use std::sync::Arc;
 
 pub(super) const FORMAT: Format = Format {

@@ -4,7 +4,7 @@
 use floorprint::geometry::Pose2;
 use floorprint::map::{Cell, MapConfig, OccupancyGrid, passed_cells};
 use floorprint::surface::{SurfaceMap};
-use floorprint::odometry::Frames;
+use floorprint::Frames;
 use floorprint::scan_matcher::{MatcherConfig, PoseBelief, SearchWindow, match_scan, search};
 use floorprint::surface::{SurfaceScan};
 use floorprint::simulator::{SimulationConfig, World, simulate};

@@ -16,6 +16,12 @@ pub struct OdometryConfig {
     pub gyro_low_pass_hz: f64,
     /// Whether encoder stamps that are late are moved back to when the ticks must have been counted.
     pub repair_encoder_stamps: bool,
+    /// How long a scan waits for the odometry to pass it, and how late records may come, in the data's own time, seconds.
+    #[schemars(range(min = 0.0, max = 60.0))]
+    pub delay_s: f64,
+    /// Whether a recorded drive is looked through beforehand for the gyro's bias, the encoders' clock and the track
+    /// width; without it they are learnt on the way, as on a live robot.
+    pub survey: bool,
 }
 
 impl Default for OdometryConfig {
@@ -25,6 +31,8 @@ impl Default for OdometryConfig {
             gyro_bias: GyroBias::StandstillWithDrift,
             gyro_low_pass_hz: 0.0,
             repair_encoder_stamps: true,
+            delay_s: 0.3,
+            survey: true,
         }
     }
 }

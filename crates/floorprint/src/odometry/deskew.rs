@@ -5,7 +5,6 @@
 //! reckoning at the sweep's beginning, middle and end; that follows a turning and
 //! accelerating body to well under a millimetre over 0.1 s and costs no branch per ray.
 
-use super::dead_reckoning::DeadReckoning;
 use crate::frame::Points;
 use crate::geometry::Pose2;
 
@@ -27,12 +26,12 @@ pub(super) struct SweepMotion {
 }
 
 impl SweepMotion {
-    /// The motion around `stamp_s` for rays between the two offsets (seconds); `None` when it
-    /// is too small to matter.
-    pub(super) fn new(dead_reckoning: &DeadReckoning, stamp_s: f64, [first_s, last_s]: [f64; 2]) -> Option<Self> {
+    /// The motion for rays between two offsets from the stamp (seconds); `None` when it is too small to matter.
+    /// `body_at` gives the body's pose at an offset, in a frame that stays the same.
+    pub(super) fn new(body_at: impl Fn(f64) -> Pose2, [first_s, last_s]: [f64; 2]) -> Option<Self> {
         let middle_s = f64::midpoint(first_s, last_s);
-        let body = dead_reckoning.pose_at(stamp_s);
-        let poses = [first_s, middle_s, last_s].map(|at_s| body.between(&dead_reckoning.pose_at(stamp_s + at_s)));
+        let body = body_at(0.0);
+        let poses = [first_s, middle_s, last_s].map(|at_s| body.between(&body_at(at_s)));
         if poses.iter().all(|pose| pose.theta.abs() < STILL_RAD && pose.distance() < STILL_M) {
             return None;
         }
@@ -66,24 +65,29 @@ impl SweepMotion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::odometry::DeadReckoning;
     use crate::sensors::StampedPose;
     use proptest::prelude::*;
 
     /// A body that starts at the identity and keeps one twist for two seconds.
     fn constant_twist(twist: [f64; 3]) -> DeadReckoning {
         let at = |stamp_s: f64| StampedPose { stamp_s, pose: Pose2::exp(twist.map(|speed| speed * stamp_s)) };
-        DeadReckoning::new((0..=20).map(|tenth| at(f64::from(tenth) / 10.0)).collect())
+        DeadReckoning::new((0..=20).map(|tenth| at(f64::from(tenth) / 10.0)))
+    }
+
+    fn around_second_one(path: &DeadReckoning, sweep_s: [f64; 2]) -> Option<SweepMotion> {
+        SweepMotion::new(|offset_s| path.pose_at(1.0 + offset_s), sweep_s)
     }
 
     #[test]
     fn a_body_at_rest_needs_no_deskewing() {
-        assert_eq!(SweepMotion::new(&constant_twist([0.0; 3]), 1.0, [-0.05, 0.05]), None);
-        assert_eq!(SweepMotion::new(&DeadReckoning::default(), 1.0, [-0.05, 0.05]), None);
+        assert_eq!(around_second_one(&constant_twist([0.0; 3]), [-0.05, 0.05]), None);
+        assert_eq!(around_second_one(&DeadReckoning::default(), [-0.05, 0.05]), None);
     }
 
     #[test]
     fn rays_taken_all_at_once_but_not_at_the_stamp_are_moved_together() {
-        let motion = SweepMotion::new(&constant_twist([1.0, 0.0, 0.0]), 1.0, [0.05, 0.05]).unwrap();
+        let motion = around_second_one(&constant_twist([1.0, 0.0, 0.0]), [0.05, 0.05]).unwrap();
         let mut point = Points { x_m: vec![2.0], y_m: vec![0.5] };
         motion.to_stamp(&[0.05], &mut point);
         assert!((point.x_m[0] - 2.05).abs() < 1e-6 && point.y_m[0] == 0.5);
@@ -96,7 +100,7 @@ mod tests {
             offset_s in -0.05..0.05_f64, x in -20.0..20.0_f64, y in -20.0..20.0_f64,
         ) {
             let path = constant_twist([v, sideways, omega]);
-            let Some(motion) = SweepMotion::new(&path, 1.0, [-0.05, 0.05]) else { return Ok(()) };
+            let Some(motion) = around_second_one(&path, [-0.05, 0.05]) else { return Ok(()) };
             let truth = [x, y];
             let at_stamp = path.pose_at(1.0).inverse().transform_point(truth);
             let seen = path.pose_at(1.0 + offset_s).inverse().transform_point(truth);

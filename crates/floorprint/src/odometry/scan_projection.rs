@@ -6,8 +6,10 @@
 
 use super::config::{NoReturn, ScanConfig};
 use super::deskew::SweepMotion;
+use super::finding::Finding;
+use crate::SensorId;
 use crate::frame::{BodyScan, Points};
-use crate::sensors::{LidarConfig, Ray, Scan, ScanGeometry, StampAt};
+use crate::sensors::{LidarConfig, Ray, RobotConfig, Scan, ScanGeometry, StampAt};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
@@ -16,6 +18,48 @@ use std::sync::Arc;
 const STEEPEST_SINE: f64 = 0.5;
 /// A ray that is closer to the floor than this has hit the floor, metres.
 const FLOOR_CLEARANCE_M: f64 = 0.05;
+
+/// Tables are kept for this many scan geometries.
+const KEPT: usize = 16;
+
+/// The tables of all LiDARs, built as their scans come.
+#[derive(Debug)]
+pub(super) struct Projections {
+    robot: RobotConfig,
+    config: ScanConfig,
+    kept: Vec<(SensorId, ScanProjection)>,
+}
+
+impl Projections {
+    /// No tables yet.
+    pub(super) fn new(robot: &RobotConfig, config: &ScanConfig) -> Self {
+        Self { robot: robot.clone(), config: config.clone(), kept: Vec::new() }
+    }
+
+    /// The tables for a scan.
+    pub(super) fn of(&mut self, scan: &Scan) -> &ScanProjection {
+        let fits = |(sensor, projection): &(SensorId, ScanProjection)| {
+            *sensor == scan.sensor && projection.fits(&scan.geometry)
+        };
+        let index = self.kept.iter().rposition(fits).unwrap_or_else(|| {
+            if self.kept.len() == KEPT {
+                self.kept.pop();
+            }
+            let projection = ScanProjection::new(&scan.geometry, self.robot.lidar_of(scan.sensor), &self.config);
+            self.kept.push((scan.sensor, projection));
+            self.kept.len() - 1
+        });
+        &self.kept[index].1
+    }
+
+    /// What the user should know of rays that cannot be used.
+    pub(super) fn findings(&self) -> impl Iterator<Item = Finding> + '_ {
+        self.kept.iter().filter_map(|(_, projection)| {
+            let steep = projection.reach_m.iter().filter(|&&reach_m| reach_m == 0.0).count();
+            (steep > 0).then_some(Finding::SteepRays { steep, rays: projection.reach_m.len() })
+        })
+    }
+}
 
 /// Everything about a scanner's rays that stays the same from scan to scan.
 #[derive(Debug, Clone)]
@@ -80,16 +124,6 @@ impl ScanProjection {
     /// Whether these tables are those of `geometry`.
     pub(super) fn fits(&self, geometry: &Arc<ScanGeometry>) -> bool {
         Arc::ptr_eq(&self.geometry, geometry) || self.geometry == *geometry
-    }
-
-    /// Number of rays in a scan.
-    pub(super) fn rays(&self) -> usize {
-        self.reach_m.len()
-    }
-
-    /// Number of rays that are too steep to be used.
-    pub(super) fn steep_rays(&self) -> usize {
-        self.reach_m.iter().filter(|&&reach_m| reach_m == 0.0).count()
     }
 
     /// Offsets from the stamp of the first and the last ray, seconds; `None` when the rays'
@@ -217,7 +251,10 @@ mod tests {
         assert!((f64::from(body.hits.x_m[0]) - floor_m * 0.8 * 0.2_f64.cos()).abs() < 1e-5);
         let steep = Mount { pitch_rad: 1.0, ..mount };
         let geometry = geometry(vec![0.0, FRAC_PI_2]);
-        assert_eq!(ScanProjection::new(&geometry, &lidar(steep), &ScanConfig::default()).steep_rays(), 1);
+        let robot = RobotConfig { lidar: lidar(steep), ..RobotConfig::default() };
+        let mut projections = Projections::new(&robot, &ScanConfig::default());
+        projections.of(&scan(&geometry, vec![1.0, 1.0]));
+        assert_eq!(projections.findings().collect::<Vec<_>>(), [Finding::SteepRays { steep: 1, rays: 2 }]);
     }
 
     #[test]

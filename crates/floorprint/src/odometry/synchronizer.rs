@@ -1,328 +1,572 @@
-//! The synchroniser: sensor records in, frames for the filter out.
+//! The synchroniser: sensor records in, one by one, frames for the filter out.
 //!
-//! All records can be had at any time, so dead reckoning is made first, over the whole drive; a
-//! frame is then made of each scan when it is asked for, and nothing is kept of it. Scans stay in
-//! the order of the records: where a log's stamps run backwards, its order is right.
+//! Nothing is taken from the future: a scan waits until the odometry has passed it, for `odometry.delay_s` of the
+//! data's own time at the most, and as long again for records that come late. What comes out depends on the records'
+//! stamps and on their order within each sensor alone, not on how the sensors' records come mixed, as long as none
+//! comes later than that. Scans of one LiDAR stay in their order: where a log's stamps run backwards, its order is right.
 
-use super::config::{OdometrySource, ScanConfig};
+use super::config::OdometrySource;
+use super::corrections::OdometryCorrections;
 use super::dead_reckoning::DeadReckoning;
 use super::deskew::SweepMotion;
-use super::readings::Readings;
-use super::scan_projection::ScanProjection;
+use super::error::OdometryError;
+use super::finding::Finding;
+use super::gyro::YawRate;
+use super::scan_projection::Projections;
+use super::scan_queue::{ScanQueue, Wait, Waiting};
+use super::stamp_filter::StampFilter;
 use super::summary::{Dropped, SynchronisationSummary};
+use super::wheel_odometry::WheelOdometry;
 use crate::SensorId;
 use crate::config::Config;
-use crate::frame::Frame;
+use crate::frame::{BodyScan, Frame};
 use crate::geometry::Pose2;
-use crate::sensors::{Ray, Record, Records, RobotConfig, Scan, StampedPose};
-use std::borrow::Cow;
-use thiserror::Error;
+use crate::sensors::{EncoderReading, ImuReading, Record, Scan, StampedPose};
+use std::collections::VecDeque;
 
 /// Scans this far outside the odometry's span still count as inside it, seconds: about the
 /// time between two readings.
 const SPAN_TOLERANCE_S: f64 = 0.1;
-/// Tables are kept for this many scan geometries; further ones are built for each scan.
-const KEPT_PROJECTIONS: usize = 16;
+/// Stamps of a LiDAR may run back by this much for the motion to be known still, seconds.
+const BACKWARDS_S: f64 = 2.0;
+/// No robot moves farther than this between two scans, metres.
+const LARGEST_STEP_M: f64 = 1000.0;
+/// A reading is taken to repeat one of so many before it when all its numbers are the same.
+const REMEMBERED: usize = 8;
 
-/// Why no frames can be made.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum OdometryError {
-    /// There is nothing to localise with.
-    #[error("the data set holds no usable LiDAR scan ({found} in all)")]
-    NoScans {
-        /// Scans in the data set.
-        found: usize,
-    },
-    /// The odometry that was asked for cannot be had from these data.
-    #[error(
-        "odometry.source = \"{wanted}\" needs {missing}, but the data set holds none: choose another source or \"auto\""
-    )]
-    SourceMissing {
-        /// The value of `odometry.source`.
-        wanted: &'static str,
-        /// What is not there.
-        missing: &'static str,
-    },
-    /// Encoder counts without a calibration.
-    #[error(
-        "the data set holds encoder counts, but robot.wheels is not set: give left_m_per_tick, right_m_per_tick and track_width_m, or choose another odometry.source"
-    )]
-    NoWheelCalibration,
-    /// A setting that cannot work.
-    #[error("{key} = {found}: expected {expected}")]
-    Setting {
-        /// The setting.
-        key: &'static str,
-        /// Its value.
-        found: f64,
-        /// What it has to be.
-        expected: &'static str,
-    },
-}
-
-/// The frames of a drive, made one by one as they are asked for, as often as they are asked for.
+/// Makes frames of records, pushed one by one.
 ///
-/// The records are a slice in memory, or any other [`Records`].
+/// Memory is bounded: no more is kept than the delay needs.
 #[derive(Debug)]
-pub struct Frames<'a, R: Records + ?Sized = [Record]> {
-    records: &'a R,
-    robot: RobotConfig,
-    scan_config: ScanConfig,
-    dead_reckoning: DeadReckoning,
-    /// Tables for each LiDAR and geometry of its scans.
-    projections: Vec<(SensorId, ScanProjection)>,
-    places: Vec<Place>,
+pub struct Synchronizer {
+    /// One usable scan in this many becomes a frame.
+    every: usize,
+    /// How late records may come, and how long scans wait for the odometry, seconds.
+    delay_s: f64,
+    surveyed: bool,
+    /// The latest stamp of all, seconds: what time it is in the data.
+    clock_s: f64,
+    scans: ScanQueue,
+    encoders: StampFilter<EncoderReading>,
+    imu: StampFilter<ImuReading>,
+    poses: StampFilter<StampedPose>,
+    remembered_ticks: VecDeque<[u64; 3]>,
+    sources: Sources,
+    projections: Projections,
+    /// Longest sweep so far, seconds.
+    sweep_s: f64,
+    /// `odometry_from_start`: the odometry's pose at the first frame for which it is known.
+    origin: Option<Pose2>,
+    previous: Option<Previous>,
+    /// Latest key of a scan that has had its turn, seconds.
+    passed_s: f64,
+    usable: usize,
+    unknown: usize,
+    jumps: usize,
+    /// The body's motion as it was told last, for LiDARs without odometry: m/s, m/s, rad/s.
+    told_twist: Option<[f64; 3]>,
     summary: SynchronisationSummary,
 }
 
-/// Where a frame's scan is found and what odometry says of it.
+/// Where motion can come from.
+#[derive(Debug)]
+struct Sources {
+    wanted: OdometrySource,
+    /// What is used; `None` as long as that is open.
+    chosen: Option<Source>,
+    wheels: Option<WheelOdometry>,
+    /// Poses of the robot's own odometry.
+    stated: DeadReckoning,
+    /// Poses that the first LiDAR's scans carry.
+    carried: DeadReckoning,
+    /// When each was first seen, seconds.
+    first_ticks_s: Option<f64>,
+    first_yaw_rate_s: Option<f64>,
+    first_stated_s: Option<f64>,
+    first_carried_s: Option<f64>,
+}
+
+/// Where motion comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    /// The wheels, and the gyro as it comes.
+    Wheels,
+    /// Poses of the robot's own odometry.
+    Stated,
+    /// Poses that the first LiDAR's scans carry.
+    Carried,
+    /// Nowhere.
+    Nothing,
+}
+
+/// What the next frame's motion starts from.
 #[derive(Debug, Clone, Copy)]
-struct Place {
-    record: usize,
-    scan: usize,
-    projection: Option<usize>,
+struct Previous {
     dead_reckoning: Pose2,
-    motion: Option<Pose2>,
+    is_known: bool,
     stamp_s: f64,
 }
 
-impl<'a> Frames<'a> {
-    /// Makes dead reckoning and chooses the scans that become frames.
-    ///
-    /// # Errors
-    /// When there is no usable scan, when the odometry asked for cannot be made from these
-    /// records, or when a setting of `[scan]`, `[odometry]` or `[robot.wheels]` cannot work.
-    pub fn new(records: &'a [Record], config: &Config) -> Result<Self, OdometryError> {
-        Self::of(records, config)
-    }
+/// Whether the odometry says where the body was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Motion {
+    /// It may still.
+    Open,
+    /// It does, by what was known at a time (seconds).
+    Known(f64),
+    /// It never will; by what was known at a time (seconds).
+    Unknown(f64),
 }
 
-impl<'a, R: Records + ?Sized> Frames<'a, R> {
-    /// The same of records that need not be in memory; each is asked for once here, a scan once more
-    /// for its frame.
+impl Synchronizer {
+    /// Nothing seen yet. `corrections` are what a [`Survey`](crate::survey::Survey) found out beforehand; without any
+    /// they are learnt on the way.
     ///
     /// # Errors
-    /// As [`new`](Frames::new).
-    pub fn of(records: &'a R, config: &Config) -> Result<Self, OdometryError> {
+    /// When a setting of `[scan]`, `[odometry]` or `[robot]` cannot work.
+    pub fn new(config: &Config, corrections: Option<&OdometryCorrections>) -> Result<Self, OdometryError> {
         validate(config)?;
-        let mut frames = Self {
-            records,
-            robot: config.robot.clone(),
-            scan_config: config.scan.clone(),
-            dead_reckoning: DeadReckoning::default(),
-            projections: Vec::new(),
-            places: Vec::new(),
+        let wanted = corrections.map_or(config.odometry.source, |corrections| corrections.source);
+        let wheels =
+            config.robot.wheels.as_ref().map(|wheels| {
+                WheelOdometry::new(wheels, wanted != OdometrySource::Wheels, &config.odometry, corrections)
+            });
+        Ok(Self {
+            every: config.scan.every,
+            delay_s: corrections.map_or(config.odometry.delay_s, |corrections| corrections.delay_s),
+            surveyed: corrections.is_some(),
+            clock_s: f64::NEG_INFINITY,
+            scans: ScanQueue::new(1 + config.robot.further_lidars.len()),
+            encoders: StampFilter::default(),
+            imu: StampFilter::default(),
+            poses: StampFilter::default(),
+            remembered_ticks: VecDeque::new(),
+            sources: Sources {
+                wanted,
+                chosen: match wanted {
+                    OdometrySource::Wheels | OdometrySource::WheelsAndGyro => Some(Source::Wheels),
+                    OdometrySource::ScanMatching => Some(Source::Nothing),
+                    OdometrySource::Auto | OdometrySource::Log => None,
+                },
+                wheels,
+                stated: DeadReckoning::default(),
+                carried: DeadReckoning::default(),
+                first_ticks_s: None,
+                first_yaw_rate_s: None,
+                first_stated_s: None,
+                first_carried_s: None,
+            },
+            projections: Projections::new(&config.robot, &config.scan),
+            sweep_s: 0.0,
+            origin: None,
+            previous: None,
+            passed_s: f64::NEG_INFINITY,
+            usable: 0,
+            unknown: 0,
+            jumps: 0,
+            told_twist: None,
             summary: SynchronisationSummary {
-                source: config.odometry.source,
+                source: wanted,
                 scans: 0,
                 frames: 0,
                 dropped: Dropped::default(),
-                notes: Vec::new(),
+                findings: Vec::new(),
             },
-        };
-        let readings = frames.sort_records();
-        let summary = &mut frames.summary;
-        summary.source = readings.choose_source(config)?;
-        frames.dead_reckoning = readings.dead_reckoning(summary.source, config, &mut summary.notes)?;
-        if frames.places.is_empty() {
-            return Err(OdometryError::NoScans { found: frames.summary.scans });
-        }
-        frames.note_steep_rays();
-        frames.place_on_odometry();
-        Ok(frames)
-    }
-
-    /// Number of frames; at least one.
-    #[must_use]
-    #[expect(clippy::len_without_is_empty, reason = "there is always a frame")]
-    pub fn len(&self) -> usize {
-        self.places.len()
-    }
-
-    /// The frame at a position from 0 to [`len`](Self::len).
-    #[must_use]
-    pub fn frame(&self, position: usize) -> Option<Frame> {
-        let place = self.places.get(position)?;
-        let record = self.records.record(place.record)?;
-        let Record::Scan(scan) = record.as_ref() else { return None };
-        let built;
-        let projection = match place.projection {
-            Some(index) => &self.projections[index].1,
-            None => {
-                built = ScanProjection::new(&scan.geometry, self.robot.lidar_of(scan.sensor), &self.scan_config);
-                &built
-            }
-        };
-        let motion =
-            projection.sweep_s().and_then(|sweep_s| SweepMotion::new(&self.dead_reckoning, scan.stamp_s, sweep_s));
-        Some(Frame {
-            index: place.scan,
-            stamp_s: scan.stamp_s,
-            elapsed_s: position
-                .checked_sub(1)
-                .map_or(0.0, |before| scan.stamp_s - self.places[before].stamp_s)
-                .max(0.0),
-            motion: place.motion,
-            dead_reckoning: place.dead_reckoning,
-            scan: projection.project(scan, motion),
         })
     }
 
-    /// The frames in order.
-    pub fn iter(&self) -> impl Iterator<Item = Frame> + '_ {
-        (0..self.len()).filter_map(|position| self.frame(position))
+    /// Takes in the next record and gives the frames that are ready now, in order: none, or as many as were waiting
+    /// for it.
+    ///
+    /// # Errors
+    /// The record is the first that needs a calibration of the wheels, and there is none.
+    pub fn push(&mut self, record: Record) -> Result<Vec<Frame>, OdometryError> {
+        self.take(record);
+        self.advance(self.clock_s)
     }
 
-    /// Dead reckoning over the whole drive, `start_from_body`: the identity at the first frame's stamp.
+    /// The frames of the scans that still wait; no record comes any more.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push); and when the odometry that was asked for never came.
+    pub fn finish(&mut self) -> Result<Vec<Frame>, OdometryError> {
+        if let Some(reading) = self.encoders.finish() {
+            self.take_ticks(reading);
+        }
+        if let Some(reading) = self.imu.finish() {
+            self.take_imu(&reading);
+        }
+        if let Some(pose) = self.poses.finish() {
+            self.take_pose(pose);
+        }
+        self.scans.finish();
+        let frames = self.advance(f64::INFINITY)?;
+        self.sources.check()?;
+        Ok(frames)
+    }
+
+    /// Tells how the body moves now: metres a second ahead and to the left, radians a second. While there is no
+    /// odometry, sweeps are de-skewed with it.
+    pub fn tell_motion(&mut self, twist: [f64; 3]) {
+        self.told_twist = Some(twist);
+    }
+
+    /// The latest stretch of dead reckoning, `odometry_from_body`, from some seconds before the scans that wait. Its
+    /// frame is the odometry's own; see [`origin`](Self::origin).
     #[must_use]
     pub fn dead_reckoning(&self) -> &DeadReckoning {
-        &self.dead_reckoning
+        self.sources.path()
     }
 
-    /// Dead reckoning at each frame's stamp.
-    pub fn dead_reckoned_poses(&self) -> impl Iterator<Item = StampedPose> + '_ {
-        self.places.iter().map(|place| StampedPose { stamp_s: place.stamp_s, pose: place.dead_reckoning })
-    }
-
-    /// What was used, dropped and noticed.
+    /// `odometry_from_start`: the body's pose by odometry at the first frame, from which frames count their dead
+    /// reckoning.
     #[must_use]
-    pub fn summary(&self) -> &SynchronisationSummary {
-        &self.summary
+    pub fn origin(&self) -> Pose2 {
+        self.origin.unwrap_or(Pose2::IDENTITY)
     }
 
-    /// Walks through the records: the readings of odometry are kept, scans that are unusable are
-    /// dropped, and of the rest one in `scan.every` gets its place.
-    fn sort_records(&mut self) -> Readings {
-        let records = self.records;
-        let mut readings = Readings::default();
-        let mut previous: Option<Cow<'_, Record>> = None;
-        let mut usable = 0;
-        for (position, record) in (0..records.count()).filter_map(|at| Some((at, records.record(at)?))) {
-            readings.add(&record, &mut self.summary.dropped);
-            let Record::Scan(scan) = record.as_ref() else { continue };
-            let number = self.summary.scans;
-            self.summary.scans += 1;
-            let projection = self.projection_of(scan);
-            let counter = if !scan.stamp_s.is_finite() {
-                &mut self.summary.dropped.scans_without_stamp
-            } else if scan.ranges_m.len() != scan.geometry.len() {
-                &mut self.summary.dropped.scans_of_wrong_length
-            } else if previous.as_deref().is_some_and(|previous| repeats(previous, scan)) {
-                &mut self.summary.dropped.scans_repeated
-            } else if !says_something(scan) {
-                &mut self.summary.dropped.scans_without_valid_ray
-            } else {
-                if usable % self.scan_config.every == 0 {
-                    self.places.push(Place {
-                        record: position,
-                        scan: number,
-                        projection,
-                        dead_reckoning: Pose2::IDENTITY,
-                        motion: None,
-                        stamp_s: scan.stamp_s,
-                    });
-                }
-                usable += 1;
-                previous = Some(record);
-                continue;
-            };
-            *counter += 1;
+    /// Number of scans that wait for their turn.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.scans.len()
+    }
+
+    /// What was used, dropped and noticed so far.
+    #[must_use]
+    pub fn summary(&self) -> SynchronisationSummary {
+        let mut summary = self.summary.clone();
+        summary.source = self.sources.in_use();
+        let wheels = matches!(summary.source, OdometrySource::Wheels | OdometrySource::WheelsAndGyro);
+        let findings = &mut summary.findings;
+        if wheels {
+            if !self.surveyed && self.sources.first_yaw_rate_s.is_none() {
+                findings.push(Finding::NoImu);
+            }
+            findings.extend(self.sources.wheels.iter().flat_map(WheelOdometry::findings));
+        } else if !self.surveyed && summary.source != OdometrySource::Log {
+            findings.push(Finding::NoOdometry);
         }
-        self.summary.frames = self.places.len();
-        readings
+        findings.extend(self.projections.findings());
+        if self.jumps > 0 {
+            findings.push(Finding::Jumps { count: self.jumps, beyond_m: LARGEST_STEP_M });
+        }
+        if self.unknown > 0 && self.sources.chosen.is_some_and(|source| source != Source::Nothing) {
+            findings.push(Finding::OutsideOdometry { scans: self.unknown });
+        }
+        summary
     }
 
-    /// Tells of rays that cannot be used.
-    fn note_steep_rays(&mut self) {
-        for (_, projection) in &self.projections {
-            let steep = projection.steep_rays();
-            if steep > 0 {
-                self.summary.notes.push(format!(
-                    "rays of a scan that are too steep to see walls and are not used: {steep} of {}",
-                    projection.rays()
-                ));
+    /// Sorts in a record, unless one of its numbers is not finite.
+    fn take(&mut self, record: Record) {
+        let finite = record.stamp_s().is_finite();
+        let dropped = &mut self.summary.dropped;
+        match record {
+            Record::Scan(scan) => {
+                if scan.odometry.is_some_and(|pose| !pose.is_finite()) {
+                    dropped.odometry_poses += 1;
+                } else if let Some(pose) = scan.odometry.filter(|_| finite && scan.sensor == SensorId::default()) {
+                    self.sources.first_carried_s.get_or_insert(scan.stamp_s);
+                    if self.sources.carried.span_s().is_none_or(|[_, last_s]| scan.stamp_s > last_s) {
+                        self.sources.carried.push(StampedPose { stamp_s: scan.stamp_s, pose }, scan.stamp_s);
+                    }
+                }
+                let believed_s = self.scans.push(scan, dropped);
+                self.clock_s = believed_s.map_or(self.clock_s, |stamp_s| self.clock_s.max(stamp_s));
+            }
+            Record::Encoders(reading) => {
+                if !(finite && reading.left_ticks.is_finite() && reading.right_ticks.is_finite()) {
+                    dropped.encoder_readings += 1;
+                    return;
+                }
+                let numbers = [reading.stamp_s, reading.left_ticks, reading.right_ticks].map(f64::to_bits);
+                if self.remembered_ticks.contains(&numbers) {
+                    dropped.readings_repeated += 1;
+                    return;
+                }
+                self.remembered_ticks.push_back(numbers);
+                if self.remembered_ticks.len() > REMEMBERED {
+                    self.remembered_ticks.pop_front();
+                }
+                for (reading, is_believed) in self.encoders.push(reading.stamp_s, reading).into_iter().flatten() {
+                    if is_believed {
+                        self.take_ticks(reading);
+                    } else {
+                        self.summary.dropped.readings_of_stray_stamp += 1;
+                    }
+                }
+            }
+            Record::Imu(reading) => {
+                if !(finite && reading.angular_velocity_rad_s[2].is_finite()) {
+                    dropped.imu_readings += 1;
+                    return;
+                }
+                for (reading, is_believed) in self.imu.push(reading.stamp_s, reading).into_iter().flatten() {
+                    if is_believed {
+                        self.take_imu(&reading);
+                    } else {
+                        self.summary.dropped.readings_of_stray_stamp += 1;
+                    }
+                }
+            }
+            Record::Odometry(stamped) => {
+                if !(finite && stamped.pose.is_finite()) {
+                    dropped.odometry_poses += 1;
+                    return;
+                }
+                for (stamped, is_believed) in self.poses.push(stamped.stamp_s, stamped).into_iter().flatten() {
+                    if is_believed {
+                        self.take_pose(stamped);
+                    } else {
+                        self.summary.dropped.readings_of_stray_stamp += 1;
+                    }
+                }
             }
         }
     }
 
-    /// The index of the tables for a scan's geometry, built when it is new.
-    fn projection_of(&mut self, scan: &Scan) -> Option<usize> {
-        if let Some(index) = self
-            .projections
-            .iter()
-            .rposition(|(sensor, projection)| *sensor == scan.sensor && projection.fits(&scan.geometry))
-        {
-            return Some(index);
+    fn take_ticks(&mut self, reading: EncoderReading) {
+        self.clock_s = self.clock_s.max(reading.stamp_s);
+        self.sources.first_ticks_s.get_or_insert(reading.stamp_s);
+        if let Some(wheels) = &mut self.sources.wheels {
+            wheels.add_ticks(reading);
         }
-        if self.projections.len() == KEPT_PROJECTIONS {
+    }
+
+    fn take_imu(&mut self, reading: &ImuReading) {
+        self.clock_s = self.clock_s.max(reading.stamp_s);
+        self.sources.first_yaw_rate_s.get_or_insert(reading.stamp_s);
+        let yaw_rate = YawRate { stamp_s: reading.stamp_s, rate_rad_s: reading.angular_velocity_rad_s[2] };
+        if let Some(wheels) = &mut self.sources.wheels
+            && !wheels.add_yaw_rate(yaw_rate)
+        {
+            self.summary.dropped.readings_too_late += 1;
+        }
+    }
+
+    fn take_pose(&mut self, stamped: StampedPose) {
+        self.clock_s = self.clock_s.max(stamped.stamp_s);
+        self.sources.first_stated_s.get_or_insert(stamped.stamp_s);
+        match self.sources.stated.last() {
+            Some(last) if last == stamped => self.summary.dropped.readings_repeated += 1,
+            Some(last) if stamped.stamp_s < last.stamp_s => self.summary.dropped.readings_too_late += 1,
+            _ => self.sources.stated.push(stamped, stamped.stamp_s),
+        }
+    }
+
+    /// Gives the frames that are ready when it is `clock_s` (seconds) in the data.
+    fn advance(&mut self, clock_s: f64) -> Result<Vec<Frame>, OdometryError> {
+        // All that happened until here has arrived.
+        let known_s = clock_s - self.delay_s;
+        if let Some(wheels) = &mut self.sources.wheels {
+            wheels.advance(known_s);
+        }
+        let mut frames = Vec::new();
+        while let Some((lidar, front, wait)) = self.scans.front(known_s) {
+            let known_s = match wait {
+                Wait::ForOtherLidars => break,
+                Wait::ForOdometry => known_s,
+                Wait::TooLong => f64::INFINITY,
+            };
+            let mut motion = Motion::Unknown(f64::NEG_INFINITY);
+            if let Some(scan) = &front.scan {
+                let sweep_s = self.projections.of(scan).sweep_s();
+                let [first_s, last_s] = sweep_s.unwrap_or([0.0; 2]);
+                self.sweep_s = self.sweep_s.max(last_s.max(0.0) - first_s.min(0.0));
+                motion = self.sources.motion(front, scan, sweep_s, self.delay_s, known_s)?;
+            }
+            if motion == Motion::Open {
+                break;
+            }
+            let Some(waiting) = self.scans.pop(lidar) else { break };
+            frames.extend(self.frame(waiting, motion));
+        }
+        if clock_s < f64::INFINITY {
+            self.sources.forget_before(clock_s - 2.0 * self.delay_s - 2.0 * self.sweep_s - BACKWARDS_S - 1.0);
+        }
+        Ok(frames)
+    }
+
+    /// The frame of a scan whose turn has come; none where the scan is not used.
+    fn frame(&mut self, waiting: Waiting, motion: Motion) -> Option<Frame> {
+        let index = self.summary.scans;
+        self.summary.scans += 1;
+        let scan = waiting.scan?;
+        if waiting.key_s < self.passed_s {
+            self.summary.dropped.scans_too_late += 1;
             return None;
         }
-        let projection = ScanProjection::new(&scan.geometry, self.robot.lidar_of(scan.sensor), &self.scan_config);
-        self.projections.push((scan.sensor, projection));
-        Some(self.projections.len() - 1)
+        self.passed_s = waiting.key_s;
+        self.usable += 1;
+        if !(self.usable - 1).is_multiple_of(self.every) {
+            return None;
+        }
+        let (is_known, step, dead_reckoning) = self.step(&scan, motion);
+        let body_scan = self.project(&scan, motion);
+        let elapsed_s = self.previous.map_or(0.0, |previous| scan.stamp_s - previous.stamp_s).max(0.0);
+        self.previous = Some(Previous { dead_reckoning, is_known, stamp_s: scan.stamp_s });
+        self.summary.frames += 1;
+        Some(Frame { index, stamp_s: scan.stamp_s, elapsed_s, motion: step, dead_reckoning, scan: body_scan })
     }
 
-    /// Gives every frame its dead reckoning and the motion since the frame before.
-    fn place_on_odometry(&mut self) {
-        let (records, log_poses) = (self.records, self.summary.source == OdometrySource::Log);
-        let stated_pose = |place: &Place| {
-            let record = log_poses.then(|| records.record(place.record)).flatten()?;
-            let Record::Scan(scan) = record.as_ref() else { return None };
-            scan.odometry.filter(Pose2::is_finite)
+    /// Whether the pose at a scan is known, the motion since the frame before, and the pose seen from the start.
+    fn step(&mut self, scan: &Scan, motion: Motion) -> (bool, Option<Pose2>, Pose2) {
+        let carried = self.sources.carried_pose(scan);
+        let (is_known, known_s) = match motion {
+            Motion::Known(known_s) => (true, known_s),
+            Motion::Unknown(known_s) => (carried.is_some(), known_s),
+            Motion::Open => (false, f64::NEG_INFINITY),
         };
-        let mut origin = None;
-        let mut previous: Option<(Pose2, bool)> = None;
-        let (mut unknown, mut jumps) = (0, 0);
-        for place in &mut self.places {
-            let stated = stated_pose(place);
-            let origin = *origin.get_or_insert_with(|| {
-                let first = stated.unwrap_or_else(|| self.dead_reckoning.pose_at(place.stamp_s));
-                self.dead_reckoning = std::mem::take(&mut self.dead_reckoning).seen_from(&first);
-                first
-            });
-            let stated = stated.map(|pose| origin.between(&pose));
-            let known = stated.is_some() || within(self.dead_reckoning.span_s(), place.stamp_s);
-            let pose = stated.unwrap_or_else(|| self.dead_reckoning.pose_at(place.stamp_s));
-            place.dead_reckoning = pose;
-            place.motion = known.then_some(Pose2::IDENTITY);
-            if let Some((before, known_before)) = previous {
-                let step = before.between(&pose);
-                let jumped = step.distance() > LARGEST_STEP_M;
-                place.motion = (known && known_before && !jumped).then_some(step);
-                jumps += usize::from(jumped);
+        let path = self.sources.path();
+        let odometry_from_body = carried.unwrap_or_else(|| path.pose_at_known(scan.stamp_s, known_s));
+        if is_known {
+            self.origin.get_or_insert(odometry_from_body);
+        }
+        let dead_reckoning = self.origin.map_or(Pose2::IDENTITY, |origin| origin.between(&odometry_from_body));
+        self.unknown += usize::from(!is_known);
+        let Some(previous) = self.previous else {
+            return (is_known, is_known.then_some(Pose2::IDENTITY), dead_reckoning);
+        };
+        let step = previous.dead_reckoning.between(&dead_reckoning);
+        let jumped = step.distance() > LARGEST_STEP_M;
+        self.jumps += usize::from(jumped);
+        (is_known, (is_known && previous.is_known && !jumped).then_some(step), dead_reckoning)
+    }
+
+    /// The scan's points in the body's frame.
+    fn project(&mut self, scan: &Scan, motion: Motion) -> BodyScan {
+        let projection = self.projections.of(scan);
+        let sweep = projection.sweep_s().and_then(|sweep_s| match (motion, self.told_twist) {
+            (Motion::Known(known_s), _) => {
+                let path = self.sources.path();
+                SweepMotion::new(|offset_s| path.pose_at_known(scan.stamp_s + offset_s, known_s), sweep_s)
             }
-            unknown += usize::from(!known);
-            previous = Some((pose, known));
-        }
-        if jumps > 0 {
-            let note =
-                format!("jumps of the odometry by more than {LARGEST_STEP_M} m, which were not believed: {jumps}");
-            self.summary.notes.push(note);
-        }
-        if unknown > 0 && self.summary.source != OdometrySource::ScanMatching {
-            self.summary.notes.push(format!("scans outside the odometry's span, whose motion is unknown: {unknown}"));
-        }
+            (_, Some(twist)) => SweepMotion::new(|offset_s| Pose2::exp(twist.map(|speed| speed * offset_s)), sweep_s),
+            _ => None,
+        });
+        projection.project(scan, sweep)
     }
 }
 
-/// No robot moves farther than this between two scans, metres.
-const LARGEST_STEP_M: f64 = 1000.0;
+impl Sources {
+    /// The source in use, the gyro counted once it has spoken.
+    fn in_use(&self) -> OdometrySource {
+        match (self.chosen, self.wanted) {
+            (Some(Source::Wheels), OdometrySource::Wheels) => OdometrySource::Wheels,
+            (Some(Source::Wheels), _) if self.first_yaw_rate_s.is_some() => OdometrySource::WheelsAndGyro,
+            (Some(Source::Wheels), _) => OdometrySource::Wheels,
+            (Some(Source::Stated | Source::Carried), _) => OdometrySource::Log,
+            (Some(Source::Nothing), _) => OdometrySource::ScanMatching,
+            (None, wanted) => wanted,
+        }
+    }
 
-fn repeats(previous: &Record, scan: &Scan) -> bool {
-    matches!(previous, Record::Scan(previous)
-        if previous.sensor == scan.sensor && previous.stamp_s == scan.stamp_s && previous.ranges_m == scan.ranges_m)
+    /// The trajectory by the source in use, `odometry_from_body`.
+    fn path(&self) -> &DeadReckoning {
+        static NOWHERE: DeadReckoning = DeadReckoning::nowhere();
+        match self.chosen {
+            Some(Source::Wheels) => self.wheels.as_ref().map_or(&NOWHERE, WheelOdometry::path),
+            Some(Source::Stated) => &self.stated,
+            Some(Source::Carried) => &self.carried,
+            Some(Source::Nothing) | None => &NOWHERE,
+        }
+    }
+
+    /// The pose that a scan carries, where the log's poses are used.
+    fn carried_pose(&self, scan: &Scan) -> Option<Pose2> {
+        let uses_log = matches!(self.chosen, Some(Source::Stated | Source::Carried));
+        scan.odometry.filter(|pose| uses_log && pose.is_finite())
+    }
+
+    /// Whether the pose at a scan is known when all that happened until `known_s` (seconds) has arrived.
+    fn motion(
+        &mut self,
+        waiting: &Waiting,
+        scan: &Scan,
+        sweep_s: Option<[f64; 2]>,
+        delay_s: f64,
+        known_s: f64,
+    ) -> Result<Motion, OdometryError> {
+        let until_s = waiting.key_s + sweep_s.map_or(0.0, |[_, last_s]| last_s.max(0.0));
+        // What comes later than this says nothing of the scan.
+        let limit_s = until_s + delay_s;
+        let is_over = known_s >= limit_s;
+        if self.chosen.is_none() {
+            self.choose(scan, limit_s, is_over)?;
+        }
+        match self.chosen {
+            Some(Source::Nothing) => return Ok(Motion::Unknown(f64::NEG_INFINITY)),
+            None if is_over => return Ok(Motion::Unknown(f64::NEG_INFINITY)),
+            None => return Ok(Motion::Open),
+            Some(_) if sweep_s.is_none() && self.carried_pose(scan).is_some() => {
+                return Ok(Motion::Known(f64::NEG_INFINITY));
+            }
+            Some(_) => {}
+        }
+        let Some([from_s, to_s]) = self.path().span_known_s(limit_s) else {
+            return Ok(if is_over { Motion::Unknown(limit_s) } else { Motion::Open });
+        };
+        if to_s < until_s && !is_over {
+            return Ok(Motion::Open);
+        }
+        let has_place = scan.stamp_s <= waiting.key_s && scan.stamp_s >= waiting.key_s - BACKWARDS_S;
+        let begun = scan.stamp_s >= from_s - SPAN_TOLERANCE_S;
+        let goes_on = to_s >= until_s || scan.stamp_s <= to_s + SPAN_TOLERANCE_S;
+        Ok(if has_place && begun && goes_on { Motion::Known(limit_s) } else { Motion::Unknown(limit_s) })
+    }
+
+    /// Chooses the best source that was there by `limit_s` (seconds), once it is certain which that is.
+    fn choose(&mut self, scan: &Scan, limit_s: f64, is_over: bool) -> Result<(), OdometryError> {
+        let there = |first_s: Option<f64>| first_s.is_some_and(|first_s| first_s <= limit_s);
+        if scan.odometry.is_some_and(|pose| pose.is_finite()) {
+            self.chosen = Some(Source::Carried);
+        } else if there(self.first_stated_s) {
+            self.chosen = Some(Source::Stated);
+        } else if is_over && there(self.first_carried_s) {
+            self.chosen = Some(Source::Carried);
+        } else if is_over && there(self.first_ticks_s) && self.wanted == OdometrySource::Auto {
+            if self.wheels.is_none() {
+                return Err(OdometryError::NoWheelCalibration);
+            }
+            self.chosen = Some(Source::Wheels);
+        }
+        Ok(())
+    }
+
+    /// Whether what was asked for has come.
+    fn check(&self) -> Result<(), OdometryError> {
+        let missing = |wanted, missing| Err(OdometryError::SourceMissing { wanted, missing });
+        match self.wanted {
+            OdometrySource::Wheels if self.first_ticks_s.is_none() => missing("wheels", "encoder readings"),
+            OdometrySource::WheelsAndGyro if self.first_ticks_s.is_none() => {
+                missing("wheels_and_gyro", "encoder readings")
+            }
+            OdometrySource::WheelsAndGyro if self.first_yaw_rate_s.is_none() => {
+                missing("wheels_and_gyro", "IMU readings")
+            }
+            OdometrySource::Log if self.first_stated_s.or(self.first_carried_s).is_none() => {
+                missing("log", "odometry poses")
+            }
+            OdometrySource::Wheels | OdometrySource::WheelsAndGyro if self.wheels.is_none() => {
+                Err(OdometryError::NoWheelCalibration)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn forget_before(&mut self, stamp_s: f64) {
+        if let Some(wheels) = &mut self.wheels {
+            wheels.forget_before(stamp_s);
+        }
+        self.stated.forget_before(stamp_s);
+        self.carried.forget_before(stamp_s);
+    }
 }
 
-/// Whether any ray says something: a hit, or that nothing came back.
-fn says_something(scan: &Scan) -> bool {
-    scan.ranges_m.iter().any(|&range_m| scan.geometry.classify(range_m) != Ray::Invalid)
-}
-
-fn within(span_s: Option<[f64; 2]>, stamp_s: f64) -> bool {
-    span_s.is_some_and(|[from_s, to_s]| stamp_s >= from_s - SPAN_TOLERANCE_S && stamp_s <= to_s + SPAN_TOLERANCE_S)
-}
-
-fn validate(config: &Config) -> Result<(), OdometryError> {
+/// Checks the settings that frames are made by.
+///
+/// # Errors
+/// The first setting that cannot work.
+pub(crate) fn validate(config: &Config) -> Result<(), OdometryError> {
     let check = |holds: bool, key: &'static str, found: f64, expected: &'static str| {
         if holds { Ok(()) } else { Err(OdometryError::Setting { key, found, expected }) }
     };
@@ -333,6 +577,8 @@ fn validate(config: &Config) -> Result<(), OdometryError> {
     check(scan.no_return_clear_m >= 0.0, "scan.no_return_clear_m", scan.no_return_clear_m, "0 or more")?;
     let low_pass_hz = odometry.gyro_low_pass_hz;
     check(low_pass_hz >= 0.0, "odometry.gyro_low_pass_hz", low_pass_hz, "0 (off) or more")?;
+    let delay_s = odometry.delay_s;
+    check(delay_s >= 0.0 && delay_s.is_finite(), "odometry.delay_s", delay_s, "0 or more")?;
     for lidar in std::iter::once(&config.robot.lidar).chain(&config.robot.further_lidars) {
         let sweep_s = lidar.sweep_duration_s;
         check(sweep_s >= 0.0 && sweep_s.is_finite(), "robot.lidar.sweep_duration_s", sweep_s, "0 or more")?;
@@ -349,250 +595,4 @@ fn validate(config: &Config) -> Result<(), OdometryError> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sensors::{EncoderReading, ImuReading, ScanGeometry, StampAt, WheelConfig};
-    use proptest::prelude::*;
-    use std::sync::Arc;
-
-    const M_PER_TICK: f64 = 0.002;
-
-    fn geometry() -> Arc<ScanGeometry> {
-        Arc::new(ScanGeometry {
-            angles_rad: vec![-0.5, 0.0, 0.5],
-            time_offsets_s: vec![0.0; 3],
-            range_min_m: 0.1,
-            range_max_m: 30.0,
-            below_minimum_is_no_return: false,
-        })
-    }
-
-    fn scan_of(stamp_s: f64, ranges_m: Vec<f32>, odometry: Option<Pose2>) -> Record {
-        Record::Scan(Scan { sensor: SensorId::default(), stamp_s, ranges_m, geometry: geometry(), odometry })
-    }
-
-    fn scan(stamp_s: f64) -> Record {
-        scan_of(stamp_s, vec![1.0, 2.0, 3.0], None)
-    }
-
-    fn ticks(stamp_s: f64, left: f64, right: f64) -> Record {
-        Record::Encoders(EncoderReading { stamp_s, left_ticks: left, right_ticks: right })
-    }
-
-    fn gyro(stamp_s: f64, rate: f64) -> Record {
-        Record::Imu(ImuReading {
-            stamp_s,
-            angular_velocity_rad_s: [0.0, 0.0, rate],
-            linear_acceleration_m_s2: [0.0, 0.0, 9.81],
-        })
-    }
-
-    fn config() -> Config {
-        let mut config = Config::default();
-        config.robot.wheels =
-            Some(WheelConfig { left_m_per_tick: M_PER_TICK, right_m_per_tick: M_PER_TICK, track_width_m: 0.5 });
-        config
-    }
-
-    fn frames<'a>(records: &'a [Record], config: &Config) -> Frames<'a> {
-        Frames::new(records, config).unwrap()
-    }
-
-    #[test]
-    fn unusable_scans_are_dropped_and_counted() {
-        let records = [
-            scan(1.0),
-            scan(1.0),
-            scan(f64::NAN),
-            scan_of(2.0, vec![1.0], None),
-            scan_of(3.0, vec![f32::NAN, 0.0, -1.0], None),
-            scan_of(4.0, vec![f32::INFINITY; 3], None),
-        ];
-        let frames = frames(&records, &config());
-        let summary = frames.summary();
-        assert_eq!(frames.iter().map(|frame| frame.index).collect::<Vec<_>>(), [0, 5]);
-        assert_eq!((summary.scans, summary.frames), (6, 2));
-        let expected = Dropped {
-            scans_repeated: 1,
-            scans_without_stamp: 1,
-            scans_of_wrong_length: 1,
-            scans_without_valid_ray: 1,
-            ..Dropped::default()
-        };
-        assert_eq!(summary.dropped, expected);
-    }
-
-    #[test]
-    fn no_scan_is_an_error() {
-        assert_eq!(Frames::new(&[], &config()).err(), Some(OdometryError::NoScans { found: 0 }));
-    }
-
-    #[test]
-    fn encoders_without_calibration_are_an_error() {
-        let records = [ticks(0.0, 0.0, 0.0), scan(1.0)];
-        assert_eq!(Frames::new(&records, &Config::default()).err(), Some(OdometryError::NoWheelCalibration));
-    }
-
-    #[test]
-    fn without_odometry_the_motion_is_unknown() {
-        let records = [scan(1.0), scan(2.0)];
-        let frames = frames(&records, &config());
-        assert!(frames.iter().all(|frame| frame.motion.is_none() && frame.dead_reckoning == Pose2::IDENTITY));
-        assert_eq!(frames.summary().source, OdometrySource::ScanMatching);
-    }
-
-    #[test]
-    fn stamps_that_run_backwards_keep_the_log_s_order() {
-        let at = |x| Some(Pose2::new(x, 0.0, 0.0));
-        let ranges = || vec![1.0, 2.0, 3.0];
-        let records =
-            [scan_of(10.0, ranges(), at(5.0)), scan_of(9.0, ranges(), at(6.0)), scan_of(11.0, ranges(), at(8.0))];
-        let frames: Vec<Frame> = frames(&records, &config()).iter().collect();
-        let motions: Vec<_> = frames.iter().filter_map(|frame| frame.motion).map(|motion| motion.x).collect();
-        assert_eq!(motions, [0.0, 1.0, 2.0]);
-        assert_eq!(frames.iter().map(|frame| frame.elapsed_s).collect::<Vec<_>>(), [0.0, 0.0, 2.0]);
-        assert_eq!(frames[2].dead_reckoning.x, 3.0);
-    }
-
-    #[test]
-    fn a_jump_of_the_odometry_by_kilometres_is_not_believed() {
-        let records =
-            [0.0, 1.0, 1e6, 1e6 + 1.0].map(|x| scan_of(x, vec![1.0, 2.0, 3.0], Some(Pose2::new(x, 0.0, 0.0))));
-        let frames = frames(&records, &config());
-        let motions: Vec<_> = frames.iter().map(|frame| frame.motion.map(|motion| motion.x)).collect();
-        assert_eq!(motions, [Some(0.0), Some(1.0), None, Some(1.0)]);
-        assert!(frames.summary().notes.iter().any(|note| note.ends_with("not believed: 1")));
-    }
-
-    #[test]
-    fn outside_the_odometry_s_span_the_motion_is_unknown() {
-        let mut records: Vec<Record> = (0..=100).map(|k| ticks(f64::from(k) * 0.02, 5.0, 5.0)).collect();
-        records.extend([scan(-1.0), scan(1.0), scan(2.05), scan(3.0)]);
-        let frames = frames(&records, &config());
-        let known: Vec<_> = frames.iter().map(|frame| frame.motion.is_some()).collect();
-        assert_eq!(known, [false, false, true, false]);
-        assert!(frames.summary().notes.iter().any(|note| note.ends_with("is unknown: 2")));
-    }
-
-    #[test]
-    fn the_gyro_s_bias_is_found_at_rest_and_taken_off() {
-        let mut records = Vec::new();
-        for k in 0..400 {
-            let stamp_s = f64::from(k) * 0.025;
-            records.push(ticks(stamp_s, if k < 200 { 0.0 } else { 10.0 }, if k < 200 { 0.0 } else { 10.0 }));
-        }
-        records.extend((-5..1005).map(|k| gyro(f64::from(k) * 0.01, 0.02)));
-        records.extend([scan(0.0), scan(9.9)]);
-        let frames = frames(&records, &config());
-        let last = frames.frame(1).and_then(|frame| frame.motion).unwrap();
-        assert!(last.theta.abs() < 1e-6 && (last.x - 0.02 * (9.9 - 4.975) / 0.025).abs() < 1e-6, "{last:?}");
-    }
-
-    #[test]
-    fn a_setting_that_cannot_work_is_named() {
-        let mut config = config();
-        config.scan.every = 0;
-        let message = Frames::new(&[scan(0.0)], &config).err().map(|error| error.to_string());
-        assert_eq!(message.as_deref(), Some("scan.every = 0: expected 1 or more"));
-    }
-
-    #[test]
-    fn points_of_a_sweep_are_put_where_they_stood() {
-        let mut config = config();
-        config.robot.lidar.mount.x_m = 0.2;
-        config.robot.lidar.sweep_duration_s = 0.08;
-        config.robot.lidar.stamp_at = StampAt::Start;
-        let mut records: Vec<Record> = (0..100).map(|k| ticks(f64::from(k) * 0.02, 4.0, 9.0)).collect();
-        records.push(scan(1.0));
-        let frames = frames(&records, &config);
-        let frame = frames.frame(0).unwrap();
-        let Some(Record::Scan(scan)) = records.last() else { panic!("the last record is a scan") };
-        for (ray, point) in frame.scan.hits.iter().enumerate() {
-            let (sin, cos) = scan.geometry.angles_rad[ray].sin_cos();
-            let range_m = f64::from(scan.ranges_m[ray]);
-            let body = frames.dead_reckoning().pose_at(1.0 + 0.04 * ray as f64);
-            let truth = body.transform_point([0.2 + range_m * cos, range_m * sin]);
-            assert!((f64::from(point[0]) - truth[0]).hypot(f64::from(point[1]) - truth[1]) < 1e-4, "{ray}");
-        }
-        assert!(frames.dead_reckoning().motion(1.0, 1.08).theta > 0.05, "the test needs a turning body");
-    }
-
-    fn drive() -> impl Strategy<Value = Vec<Record>> {
-        prop::collection::vec((1..80i32, -9..30i32, -9..30i32, -2.0..2.0_f64), 20..80).prop_map(|steps| {
-            let mut stamp_s = 0.0;
-            let mut records = Vec::new();
-            for (interval, left, right, rate) in steps {
-                stamp_s += f64::from(interval) / 1000.0;
-                records.push(ticks(stamp_s, f64::from(left), f64::from(right)));
-                records.push(gyro(stamp_s - 0.003, rate));
-            }
-            records
-        })
-    }
-
-    fn total_ticks(records: &[Record]) -> f64 {
-        let mean = |record: &Record| match record {
-            Record::Encoders(reading) => f64::midpoint(reading.left_ticks, reading.right_ticks),
-            _ => 0.0,
-        };
-        records.iter().map(mean).sum()
-    }
-
-    proptest! {
-        #[test]
-        fn every_tick_is_used_once_whatever_the_scans_stamps(
-            drive in drive(), stamps in prop::collection::vec(-0.5..4.0_f64, 1..50),
-        ) {
-            let mut config = config();
-            config.odometry.source = OdometrySource::Wheels;
-            config.robot.wheels.as_mut().unwrap().track_width_m = 1e12;
-            let mut records = drive.clone();
-            records.push(scan(-10.0));
-            let mut stamps = stamps;
-            stamps.sort_by(f64::total_cmp);
-            records.extend(stamps.into_iter().map(scan));
-            records.push(scan(10.0));
-            let frames = frames(&records, &config);
-            let sum: f64 = frames
-                .iter()
-                .scan(Pose2::IDENTITY, |before, frame| {
-                    let motion = before.between(&frame.dead_reckoning);
-                    *before = frame.dead_reckoning;
-                    Some(motion.x)
-                })
-                .sum();
-            prop_assert!((sum - total_ticks(&drive) * M_PER_TICK).abs() < 1e-9);
-        }
-
-        #[test]
-        fn extra_scans_change_no_pose(
-            drive in drive(), extra in prop::collection::vec(0.0..1.5_f64, 0..20),
-        ) {
-            let config = config();
-            let mut records = drive;
-            records.extend([scan(0.0), scan(0.5), scan(1.0)]);
-            let plain: Vec<_> = frames(&records, &config).dead_reckoned_poses().collect();
-            let mut stamps = extra;
-            stamps.extend([0.5, 1.0]);
-            stamps.sort_by(f64::total_cmp);
-            stamps.dedup();
-            records.truncate(records.len() - 2);
-            records.extend(stamps.into_iter().map(scan));
-            let more: Vec<_> = frames(&records, &config).dead_reckoned_poses().collect();
-            prop_assert!(plain.iter().all(|pose| more.contains(pose)));
-        }
-
-        #[test]
-        fn motions_add_up_to_dead_reckoning(drive in drive(), every in 1..4usize) {
-            let mut config = config();
-            config.scan.every = every;
-            let mut records = drive;
-            records.extend((0..40).map(|k| scan(f64::from(k) * 0.02)));
-            let mut sum = Pose2::IDENTITY;
-            for frame in frames(&records, &config).iter() {
-                sum = sum.compose(&frame.motion.unwrap_or(Pose2::IDENTITY));
-                prop_assert!(sum.between(&frame.dead_reckoning).distance() < 1e-9);
-            }
-        }
-    }
-}
+mod tests;

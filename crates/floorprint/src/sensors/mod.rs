@@ -11,6 +11,6 @@ mod scan;
 pub use encoders::EncoderReading;
 pub use image::{ColorImage, DisparityImage};
 pub use imu::ImuReading;
-pub use record::{Record, Records, StampedPose};
+pub use record::{Record, Records, StampedPose, Stream};
 pub use robot::{CameraConfig, LidarConfig, RobotConfig, StampAt, WheelConfig};
 pub use scan::{Ray, Scan, ScanGeometry};

@@ -2,8 +2,10 @@
 
 use super::{EncoderReading, ImuReading, Scan};
 use crate::geometry::Pose2;
+use crate::ids::SensorId;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::fmt;
 
 /// A sensor's message, in the order in which it is to be processed.
 ///
@@ -30,6 +32,42 @@ impl Record {
             Self::Imu(reading) => reading.stamp_s,
             Self::Odometry(stamped) => stamped.stamp_s,
         }
+    }
+
+    /// The kind of sensor that it comes from, and which of its kind.
+    #[must_use]
+    pub fn sensor(&self) -> (Stream, SensorId) {
+        match self {
+            Self::Scan(scan) => (Stream::Scans, scan.sensor),
+            Self::Encoders(_) => (Stream::Encoders, SensorId::default()),
+            Self::Imu(_) => (Stream::Imu, SensorId::default()),
+            Self::Odometry(_) => (Stream::Odometry, SensorId::default()),
+        }
+    }
+}
+
+/// A kind of sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stream {
+    /// LiDARs.
+    Scans,
+    /// Wheel encoders.
+    Encoders,
+    /// Inertial units.
+    Imu,
+    /// The robot's own odometry.
+    Odometry,
+}
+
+impl fmt::Display for Stream {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Scans => "LiDAR",
+            Self::Encoders => "encoders",
+            Self::Imu => "IMU",
+            Self::Odometry => "odometry",
+        })
     }
 }
 

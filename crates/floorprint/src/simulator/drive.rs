@@ -202,7 +202,7 @@ impl SimulatedDrive {
 }
 
 /// All wheel readings, then all of the inertial unit, then all scans: each kind in the order of its
-/// stamps, and only that order counts for [`Frames`](crate::odometry::Frames).
+/// stamps, and only that order counts for [`Frames`](crate::Frames).
 impl Records for SimulatedDrive {
     fn count(&self) -> usize {
         self.wheel_counts.len() + self.imu.len() + self.scan_count()

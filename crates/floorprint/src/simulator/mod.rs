@@ -4,6 +4,7 @@
 //! [`SimulatedDrive`] yields scans, ticks, gyro readings and images together with the
 //! true trajectory, map and floor. Equal seeds give equal bytes.
 
+mod arrival;
 mod camera;
 mod config;
 mod drive;
@@ -25,6 +26,7 @@ mod wheel_encoders;
 mod world;
 mod worlds;
 
+pub use arrival::Arrival;
 pub use config::{
     CameraSimulationConfig, ImuSimulationConfig, LidarSimulationConfig, MotionConfig, SimulationConfig,
     WheelSimulationConfig,

@@ -4,9 +4,9 @@ use super::camera::{color_pinhole, depth_pinhole};
 use super::floor_plan::FloorPlan;
 use super::{Fault, SimulatedDrive, SimulationConfig, WheelCounts, World, simulate};
 use crate::Config;
+use crate::Frames;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::Occupancy;
-use crate::odometry::Frames;
 use crate::sensors::{Record, RobotConfig, Scan};
 use nalgebra::Vector3;
 

@@ -3,10 +3,10 @@
 #![allow(dead_code, reason = "each test uses its part of the outcome")]
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
+use floorprint::Frames;
 use floorprint::back_end::{ClosureReport, Verdict};
 use floorprint::config::Layer;
 use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions};
-use floorprint::odometry::Frames;
 use floorprint::sensors::RobotConfig;
 use floorprint::simulator::{Fault, SimulationConfig, World, simulate};
 use floorprint::{Config, Slam, SlamResult};
@@ -157,7 +157,7 @@ pub fn solve_as(world: &str, seed: u64, simulation: SimulationConfig, settings: 
     };
     let wrong_closures = result.closures.iter().filter(is_wrong).count();
     let compare = |poses: &[_]| TrajectoryError::new(poses, &truth, &TrajectoryErrorOptions::default()).unwrap();
-    let dead_reckoning: Vec<_> = frames.dead_reckoned_poses().collect();
+    let dead_reckoning: Vec<_> = frames.dead_reckoned_poses();
     Outcome {
         error: compare(&result.trajectory),
         dead_reckoning: compare(&dead_reckoning),

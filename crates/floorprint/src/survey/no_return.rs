@@ -27,7 +27,8 @@ const LEAST_SECOND_SHARE: f64 = 0.05;
 /// The least of the ranges that stand for "nothing came back"; none when no range stands out.
 ///
 /// `ranges_m` gives all readings, metres, each time it is called.
-pub(crate) fn no_return_mark_m<I: Iterator<Item = f32>>(ranges_m: impl Fn() -> I) -> Option<f32> {
+#[must_use]
+pub fn no_return_mark_m<I: Iterator<Item = f32>>(ranges_m: impl Fn() -> I) -> Option<f32> {
     let least = ((ranges_m().count() as f64 * LEAST_SHARE) as usize).max(PROMINENCE);
     // A few garbled readings must not hide the rest: begin where enough readings lie in the octave below.
     let longest_up_to = |limit_m: f32| ranges_m().filter(|&range_m| range_m <= limit_m).fold(0.0, f32::max);

@@ -1,0 +1,129 @@
+//! The readings of a recording by sensor, without the scans' ranges.
+
+use crate::SensorId;
+use crate::config::Config;
+use crate::odometry::gyro::YawRate;
+use crate::odometry::{LEAP_S, OdometryError, OdometrySource, confirms, is_complete};
+use crate::sensors::{EncoderReading, Record, Records, Stream};
+
+/// What a survey looks at: usable readings, each sensor's in its own order.
+#[derive(Debug, Default)]
+pub(crate) struct Readings {
+    pub(super) encoders: Vec<EncoderReading>,
+    /// By their stamps, which increase.
+    pub(super) yaw_rates: Vec<YawRate>,
+    /// Stamps of the robot's own odometry, seconds.
+    pub(super) stated_s: Vec<f64>,
+    /// Whether any scan carries a pose.
+    carried: bool,
+    /// Scans that can become frames.
+    pub(crate) usable_scans: usize,
+    /// Sensor and stamp of every record.
+    stamps_s: Vec<(Sensor, f64)>,
+}
+
+/// One sensor.
+type Sensor = (Stream, SensorId);
+
+impl Readings {
+    /// Walks through the records; each is asked for once.
+    pub(crate) fn of<R: Records + ?Sized>(records: &R) -> Self {
+        let mut readings = Self::default();
+        for record in (0..records.count()).filter_map(|position| records.record(position)) {
+            readings.add(&record);
+        }
+        readings.yaw_rates.sort_by(|a, b| a.stamp_s.total_cmp(&b.stamp_s));
+        readings
+    }
+
+    fn add(&mut self, record: &Record) {
+        let stamp_s = record.stamp_s();
+        let finite = stamp_s.is_finite();
+        match record {
+            Record::Scan(scan) => {
+                self.carried |= finite && scan.odometry.is_some_and(|pose| pose.is_finite());
+                self.usable_scans += usize::from(is_complete(scan));
+            }
+            Record::Encoders(reading) => {
+                if finite && reading.left_ticks.is_finite() && reading.right_ticks.is_finite() {
+                    self.encoders.push(*reading);
+                }
+            }
+            Record::Imu(reading) => {
+                let rate_rad_s = reading.angular_velocity_rad_s[2];
+                if finite && rate_rad_s.is_finite() {
+                    self.yaw_rates.push(YawRate { stamp_s, rate_rad_s });
+                }
+            }
+            Record::Odometry(stamped) => {
+                if finite && stamped.pose.is_finite() {
+                    self.stated_s.push(stamp_s);
+                }
+            }
+        }
+        self.stamps_s.push((record.sensor(), stamp_s));
+    }
+
+    /// Number of scans.
+    pub(crate) fn scans(&self) -> usize {
+        self.stamps_s.iter().filter(|((stream, _), _)| *stream == Stream::Scans).count()
+    }
+
+    /// The sensors that have records, in order.
+    pub(super) fn sensors(&self) -> Vec<Sensor> {
+        let mut sensors: Vec<Sensor> = self.stamps_s.iter().map(|(sensor, _)| *sensor).collect();
+        sensors.sort_unstable();
+        sensors.dedup();
+        sensors
+    }
+
+    /// A sensor's records: their positions among all, and when they come if a sensor's records come in their order,
+    /// seconds: never decreasing, stray stamps left out.
+    pub(super) fn times_s(&self, sensor: Sensor) -> Vec<(usize, f64)> {
+        let own = self.stamps_s.iter().enumerate().filter(|(_, (other, _))| *other == sensor);
+        let mut times: Vec<(usize, f64)> = own.map(|(position, &(_, stamp_s))| (position, stamp_s)).collect();
+        let mut newest_s = None;
+        for index in 0..times.len() {
+            let stamp_s = times[index].1;
+            let is_near = newest_s.is_some_and(|newest_s: f64| (stamp_s - newest_s).abs() <= LEAP_S);
+            let next_s = times.get(index + 1).map_or(stamp_s, |next| next.1);
+            if stamp_s.is_finite() && (is_near || confirms(newest_s, stamp_s, next_s)) {
+                newest_s = Some(newest_s.map_or(stamp_s, |newest_s| newest_s.max(stamp_s)));
+            }
+            times[index].1 = newest_s.unwrap_or(f64::NEG_INFINITY);
+        }
+        times
+    }
+
+    /// The positions of all records in the order of time, each sensor's records in their own order.
+    pub(crate) fn in_order_of_time(&self) -> Vec<usize> {
+        let mut times: Vec<(usize, f64)> = self.sensors().into_iter().flat_map(|sensor| self.times_s(sensor)).collect();
+        times.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        times.into_iter().map(|(position, _)| position).collect()
+    }
+
+    /// The source that the configuration asks for, or with `Auto` the best that is there.
+    pub(super) fn choose_source(&self, config: &Config) -> Result<OdometrySource, OdometryError> {
+        let needs = |wanted, missing, there: bool| {
+            if there { Ok(()) } else { Err(OdometryError::SourceMissing { wanted, missing }) }
+        };
+        let has_poses = self.carried || !self.stated_s.is_empty();
+        let source = match config.odometry.source {
+            OdometrySource::Auto if has_poses => OdometrySource::Log,
+            OdometrySource::Auto if self.encoders.is_empty() => OdometrySource::ScanMatching,
+            OdometrySource::Auto if self.yaw_rates.is_empty() => OdometrySource::Wheels,
+            OdometrySource::Auto => OdometrySource::WheelsAndGyro,
+            chosen => chosen,
+        };
+        match source {
+            OdometrySource::Wheels => needs("wheels", "encoder readings", !self.encoders.is_empty())?,
+            OdometrySource::WheelsAndGyro => {
+                needs("wheels_and_gyro", "encoder readings", !self.encoders.is_empty())?;
+                needs("wheels_and_gyro", "IMU readings", !self.yaw_rates.is_empty())?;
+            }
+            OdometrySource::Log => needs("log", "odometry poses", has_poses)?,
+            OdometrySource::Auto | OdometrySource::ScanMatching => {}
+        }
+        Ok(source)
+    }
+}
