@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use floorprint::Config;
 use floorprint::config::{ConfigError, ConfigOption, Kind, Layer, Preset, find_options, json_schema, options};
 use floorprint::sensors::RobotConfig;
-use std::fs;
+use floorprint_io::read_text;
 use std::io::Write;
 use std::path::PathBuf;
 use toml::{Table, Value};
@@ -51,9 +51,8 @@ impl Settings {
         let mut layers: Vec<Layer> = robot.map(Layer::from_robot).into_iter().collect();
         layers.push(self.preset.layer());
         if let Some(path) = &self.config {
-            let unreadable =
-                |error| BadArguments(format!("cannot read the configuration file {}: {error}", path.display()));
-            let text = fs::read_to_string(path).map_err(unreadable)?;
+            let unreadable = |error| BadArguments(format!("the configuration file: {error}"));
+            let text = read_text(path).map_err(unreadable)?;
             layers.push(Layer::from_toml(&path.display().to_string(), &text)?);
         }
         for setting in &self.set {

@@ -38,7 +38,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         out: &results,
         force: true,
     };
-    let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
+    let Some((report, results)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
     summary::print(&mut terminal.results(), &report, &results)?;
     Ok(if report.partial { Outcome::Interrupted } else { Outcome::Fine })
 }

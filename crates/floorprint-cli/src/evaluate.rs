@@ -13,9 +13,8 @@ use floorprint::evaluation::{
 };
 use floorprint::map::Raster;
 use floorprint::sensors::StampedPose;
-use floorprint_io::{read_floor, read_map, read_relations, read_trajectory};
+use floorprint_io::{read_floor, read_map, read_relations, read_trajectory, read_text};
 use serde::Serialize;
-use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -228,7 +227,7 @@ impl Texture {
         if ![&images, &config, &truth, &map].iter().all(|path| path.is_file()) {
             return Ok(None);
         }
-        let text = fs::read_to_string(&config).with_context(|| format!("cannot read {}", config.display()))?;
+        let text = read_text(&config)?;
         let config = Config::resolve(&[Layer::from_toml(&config.display().to_string(), &text)?])?;
         let Some(camera) = &config.robot.camera else { return Ok(None) };
         Ok(Some(seen_floor(&read_trajectory(&images)?, &read_trajectory(&truth)?, camera, &read_map(&map)?)))

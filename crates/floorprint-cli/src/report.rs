@@ -18,13 +18,15 @@ use floorprint::Config;
 use floorprint::evaluation::WallSharpness;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::OdometrySource;
-use floorprint_io::DataSet;
+use floorprint_io::{Contents, DataSet};
 use serde::Serialize;
 use std::path::Path;
 
 /// Everything about a run. All but `cost` is the same for any number of threads.
 #[derive(Debug, Serialize)]
 pub(crate) struct Report {
+    /// What the file is: by it a later run knows that it may replace the folder.
+    pub(crate) what: &'static str,
     /// Version of the program.
     pub(crate) version: &'static str,
     /// What was read.
@@ -190,6 +192,7 @@ impl Report {
         let images = data_set.images.as_ref().map_or(0, |images| images.disparity.len() + images.color.len());
         let readings = data_set.records.len() + images + data_set.dropped.total();
         Self {
+            what: Contents::Run.what(),
             version: env!("CARGO_PKG_VERSION"),
             input: Input {
                 path: path.display().to_string(),

@@ -16,7 +16,7 @@ use anyhow::Context as _;
 use clap::Args;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::{Phase, Profiler};
-use floorprint_io::{Contents, OpenOptions, RunFolder, open};
+use floorprint_io::{Contents, OpenOptions, RunFolder, USUAL_EXPANSION, open};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -55,9 +55,18 @@ pub(crate) struct Work {
     /// from all scans until then: the time grows with the square of the drive.
     #[arg(long, value_name = "SECONDS", value_parser = number(0.001, 1e9))]
     snapshots: Option<f64>,
+    /// How many times its size a file of the data set may take in memory, besides 256 MB: what unpacks to more
+    /// is refused [default: 64].
+    #[arg(long, value_name = "TIMES", value_parser = number(0.0, 1e9))]
+    max_expansion: Option<f64>,
 }
 
 impl Work {
+    /// How a data set is opened.
+    pub(crate) fn open_options(&self, drive: Option<u32>) -> OpenOptions {
+        OpenOptions { drive, max_expansion: self.max_expansion.unwrap_or(USUAL_EXPANSION) }
+    }
+
     /// The threads that share the work.
     ///
     /// # Errors
@@ -98,7 +107,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         out: &out,
         force: arguments.force,
     };
-    let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
+    let Some((report, out)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
     summary::print(&mut terminal.results(), &report, &out)?;
     if report.partial {
         terminal.warn("stopped before its end: the results are partial");
@@ -116,18 +125,25 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 }
 
 impl Task<'_> {
-    /// Solves the drive on its own pool of threads and writes the folder; `None`, and no folder, when the
-    /// user stopped it before there was anything to write.
-    pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Option<Report>> {
+    /// Solves the drive on its own pool of threads and writes the folder; gives the report and where it is.
+    /// `None`, and no folder, when the user stopped it before there was anything to write.
+    pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Option<(Report, PathBuf)>> {
         let interrupt = Interrupt::listen();
         self.work.pool()?.install(|| self.solve_and_write(terminal, &interrupt))
     }
 
-    fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Option<Report>> {
+    fn solve_and_write(
+        &self,
+        terminal: &Terminal,
+        interrupt: &Interrupt,
+    ) -> anyhow::Result<Option<(Report, PathBuf)>> {
         let mut stopwatch = Stopwatch::start(Phase::Read);
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
-        let data_set = open(self.path, &OpenOptions { drive: self.drive })?;
+        for note in folder.notes() {
+            terminal.warn(note);
+        }
+        let data_set = open(self.path, &self.work.open_options(self.drive))?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
         for note in &data_set.notes {
             terminal.note(note);
@@ -151,8 +167,13 @@ impl Task<'_> {
             snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
         }
         run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
-        folder.finish()?;
-        Ok(Some(report))
+        interrupt.is_finishing();
+        let out = if report.partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };
+        if out != *self.out && report.partial {
+            let (earlier, kept) = (self.out.display(), out.display());
+            terminal.warn(&format!("{earlier} holds the complete results of an earlier run: these lie in {kept}"));
+        }
+        Ok(Some((report, out)))
     }
 }
 

@@ -37,9 +37,10 @@ pub(crate) fn write(
         floor_png = Some(fs::read(folder.join("texture.png"))?);
     }
     report.take_cost(stopwatch);
-    write_file(&folder.join("report.json"), (serde_json::to_string_pretty(report)? + "\n").as_bytes())?;
     let exhibits = Exhibits { solution, map, floor_png: floor_png.as_deref(), config };
     write_file(&folder.join("report.html"), page(report, &exhibits)?.as_bytes())?;
+    // Last: a folder with it is complete.
+    write_file(&folder.join("report.json"), (serde_json::to_string_pretty(report)? + "\n").as_bytes())?;
     Ok(())
 }
 

@@ -5,8 +5,7 @@ use crate::terminal::Terminal;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
-use floorprint_io::write_ece276a;
-use std::fs;
+use floorprint_io::{read_text, write_ece276a};
 use std::path::{Path, PathBuf};
 
 /// Simulate a drive with exact truth, in the file layout of the course ECE276A.
@@ -40,7 +39,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
             let unusable = |what: &str| {
                 BadArguments(format!("cannot use the simulation's settings in {}: {what}", path.display()))
             };
-            let text = fs::read_to_string(path).map_err(|error| unusable(&error.to_string()))?;
+            let text = read_text(path).map_err(|error| unusable(&error.to_string()))?;
             toml::from_str(&text).map_err(|error| {
                 let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
                 let line = 1 + before.matches('\n').count();

@@ -23,7 +23,7 @@ use clap::builder::PossibleValuesParser;
 use data_sets::DataSet;
 use floorprint::config::Preset;
 use floorprint::simulator::World;
-use floorprint_io::write_file;
+use floorprint_io::write_files;
 use machine::Machine;
 use run::Run;
 use schemars::JsonSchema;
@@ -323,11 +323,12 @@ impl Benchmark {
     fn write(&self, arguments: &Arguments) -> anyhow::Result<String> {
         let markdown = table::markdown(self);
         let out = &arguments.out;
-        write_file(&out.join("bench.md"), markdown.as_bytes())?;
-        write_file(&out.join("bench.json"), (serde_json::to_string_pretty(self)? + "\n").as_bytes())?;
-        if let Some(svg) = growth::plot(&self.growth) {
-            write_file(&out.join("growth.svg"), svg.as_bytes())?;
-        }
+        let json = serde_json::to_string_pretty(self)? + "\n";
+        let plot = growth::plot(&self.growth);
+        let [table, figures, growth] = ["bench.md", "bench.json", "growth.svg"].map(|name| out.join(name));
+        let mut files = vec![(table.as_path(), markdown.as_bytes()), (figures.as_path(), json.as_bytes())];
+        files.extend(plot.as_ref().map(|svg| (growth.as_path(), svg.as_bytes())));
+        write_files(&files)?;
         Ok(markdown)
     }
 }
