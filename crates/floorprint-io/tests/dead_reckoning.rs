@@ -6,6 +6,7 @@ mod data_folder;
 
 use data_folder::data;
 use floorprint::Config;
+use floorprint::SensorId;
 use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions};
 use floorprint::geometry::wrap_angle;
 use floorprint::odometry::{DeadReckoning, Frames, GyroBias, OdometrySource};
@@ -28,8 +29,15 @@ fn with_two_scans(mut drive: DataSet) -> DataSet {
         range_max_m: 30.0,
         below_minimum_is_no_return: true,
     });
-    let scan =
-        |stamp_s| Record::Scan(Scan { stamp_s, ranges_m: vec![1.0], geometry: Arc::clone(&geometry), odometry: None });
+    let scan = |stamp_s| {
+        Record::Scan(Scan {
+            sensor: SensorId::default(),
+            stamp_s,
+            ranges_m: vec![1.0],
+            geometry: Arc::clone(&geometry),
+            odometry: None,
+        })
+    };
     let stamps: Vec<f64> = drive.records.iter().map(Record::stamp_s).collect();
     drive.records.extend([scan(stamps[0]), scan(stamps[stamps.len() - 1])]);
     drive

@@ -9,6 +9,7 @@ pub mod evaluation;
 pub mod filter;
 mod frame;
 pub mod geometry;
+mod ids;
 pub mod loop_closure;
 pub mod map;
 pub mod motion_model;
@@ -24,5 +25,6 @@ pub mod texture;
 
 pub use config::Config;
 pub use frame::{BodyScan, Frame, Points};
+pub use ids::SensorId;
 pub use profiler::{NoProfiler, Phase, Profiler};
 pub use slam::{Slam, SlamError, SlamResult, StepReport};

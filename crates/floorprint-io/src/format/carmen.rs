@@ -29,6 +29,7 @@ use crate::lines::Lines;
 use crate::no_return::no_return_mark_m;
 use crate::number::Tokens;
 use crate::source::{FileSource, Source};
+use floorprint::SensorId;
 use floorprint::geometry::{Mount, Pose2, wrap_angle};
 use floorprint::sensors::{Record, Scan, ScanGeometry, StampedPose};
 use std::collections::BTreeMap;
@@ -235,6 +236,7 @@ impl Log {
             }
             if scan.message == message {
                 records.push(Record::Scan(Scan {
+                    sensor: SensorId::default(),
                     stamp_s: scan.stamp_s,
                     geometry: geometries.of(scan.layout),
                     ranges_m: scan.ranges_m,

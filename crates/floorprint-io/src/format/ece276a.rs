@@ -12,6 +12,7 @@ use crate::npz::{Npz, problem};
 use crate::regular_file::read_regular;
 use crate::source::{FolderSource, InputHash, Source, folder_names};
 use crate::stamps::rising;
+use floorprint::SensorId;
 use floorprint::sensors::{EncoderReading, ImuReading, Record, RobotConfig, Scan, ScanGeometry};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -218,7 +219,13 @@ impl Drive {
         for ((&stamp_s, ranges_m), keep) in stamps_s.iter().zip(scans).zip(keep) {
             if keep {
                 let geometry = Arc::clone(&geometry);
-                self.records.push(Record::Scan(Scan { stamp_s, ranges_m, geometry, odometry: None }));
+                self.records.push(Record::Scan(Scan {
+                    sensor: SensorId::default(),
+                    stamp_s,
+                    ranges_m,
+                    geometry,
+                    odometry: None,
+                }));
             } else {
                 self.dropped.add(DropReason::StampJump);
             }

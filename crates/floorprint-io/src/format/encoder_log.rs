@@ -13,6 +13,7 @@ use crate::lines::Lines;
 use crate::number::{Tokens, parse_f64};
 use crate::source::{FileSource, Source};
 use crate::stamps::rising;
+use floorprint::SensorId;
 use floorprint::sensors::{EncoderReading, Record, Scan, ScanGeometry};
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -119,7 +120,13 @@ fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts, 
         let before = previous.replace(counts).unwrap_or(counts);
         let [left_ticks, right_ticks] = [0, 1].map(|side| counters[side].ticks(before[side], counts[side]));
         records.push(Record::Encoders(EncoderReading { stamp_s, left_ticks, right_ticks }));
-        records.push(Record::Scan(Scan { stamp_s, ranges_m, geometry: Arc::clone(&geometry), odometry: None }));
+        records.push(Record::Scan(Scan {
+            sensor: SensorId::default(),
+            stamp_s,
+            ranges_m,
+            geometry: Arc::clone(&geometry),
+            odometry: None,
+        }));
     }
     DataSet {
         format: FORMAT,

@@ -182,7 +182,7 @@ mod tests {
     }
 
     fn scan(geometry: &Arc<ScanGeometry>, ranges_m: Vec<f32>) -> Scan {
-        Scan { stamp_s: 0.0, ranges_m, geometry: Arc::clone(geometry), odometry: None }
+        Scan { sensor: SensorId::default(), stamp_s: 0.0, ranges_m, geometry: Arc::clone(geometry), odometry: None }
     }
 
     fn lidar(mount: Mount) -> LidarConfig {

@@ -10,10 +10,11 @@ use super::deskew::SweepMotion;
 use super::readings::Readings;
 use super::scan_projection::ScanProjection;
 use super::summary::{Dropped, SynchronisationSummary};
+use crate::SensorId;
 use crate::config::Config;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::sensors::{LidarConfig, Ray, Record, Records, Scan, StampedPose};
+use crate::sensors::{Ray, Record, Records, RobotConfig, Scan, StampedPose};
 use std::borrow::Cow;
 use thiserror::Error;
 
@@ -65,10 +66,11 @@ pub enum OdometryError {
 #[derive(Debug)]
 pub struct Frames<'a, R: Records + ?Sized = [Record]> {
     records: &'a R,
-    lidar: LidarConfig,
+    robot: RobotConfig,
     scan_config: ScanConfig,
     dead_reckoning: DeadReckoning,
-    projections: Vec<ScanProjection>,
+    /// Tables for each LiDAR and geometry of its scans.
+    projections: Vec<(SensorId, ScanProjection)>,
     places: Vec<Place>,
     summary: SynchronisationSummary,
 }
@@ -105,7 +107,7 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
         validate(config)?;
         let mut frames = Self {
             records,
-            lidar: config.robot.lidar.clone(),
+            robot: config.robot.clone(),
             scan_config: config.scan.clone(),
             dead_reckoning: DeadReckoning::default(),
             projections: Vec::new(),
@@ -145,9 +147,9 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
         let Record::Scan(scan) = record.as_ref() else { return None };
         let built;
         let projection = match place.projection {
-            Some(index) => &self.projections[index],
+            Some(index) => &self.projections[index].1,
             None => {
-                built = ScanProjection::new(&scan.geometry, &self.lidar, &self.scan_config);
+                built = ScanProjection::new(&scan.geometry, self.robot.lidar_of(scan.sensor), &self.scan_config);
                 &built
             }
         };
@@ -232,7 +234,7 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
 
     /// Tells of rays that cannot be used.
     fn note_steep_rays(&mut self) {
-        for projection in &self.projections {
+        for (_, projection) in &self.projections {
             let steep = projection.steep_rays();
             if steep > 0 {
                 self.summary.notes.push(format!(
@@ -245,13 +247,18 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
 
     /// The index of the tables for a scan's geometry, built when it is new.
     fn projection_of(&mut self, scan: &Scan) -> Option<usize> {
-        if let Some(index) = self.projections.iter().rposition(|projection| projection.fits(&scan.geometry)) {
+        if let Some(index) = self
+            .projections
+            .iter()
+            .rposition(|(sensor, projection)| *sensor == scan.sensor && projection.fits(&scan.geometry))
+        {
             return Some(index);
         }
         if self.projections.len() == KEPT_PROJECTIONS {
             return None;
         }
-        self.projections.push(ScanProjection::new(&scan.geometry, &self.lidar, &self.scan_config));
+        let projection = ScanProjection::new(&scan.geometry, self.robot.lidar_of(scan.sensor), &self.scan_config);
+        self.projections.push((scan.sensor, projection));
         Some(self.projections.len() - 1)
     }
 
@@ -303,7 +310,7 @@ const LARGEST_STEP_M: f64 = 1000.0;
 
 fn repeats(previous: &Record, scan: &Scan) -> bool {
     matches!(previous, Record::Scan(previous)
-        if previous.stamp_s == scan.stamp_s && previous.ranges_m == scan.ranges_m)
+        if previous.sensor == scan.sensor && previous.stamp_s == scan.stamp_s && previous.ranges_m == scan.ranges_m)
 }
 
 /// Whether any ray says something: a hit, or that nothing came back.
@@ -326,8 +333,10 @@ fn validate(config: &Config) -> Result<(), OdometryError> {
     check(scan.no_return_clear_m >= 0.0, "scan.no_return_clear_m", scan.no_return_clear_m, "0 or more")?;
     let low_pass_hz = odometry.gyro_low_pass_hz;
     check(low_pass_hz >= 0.0, "odometry.gyro_low_pass_hz", low_pass_hz, "0 (off) or more")?;
-    let sweep_s = config.robot.lidar.sweep_duration_s;
-    check(sweep_s >= 0.0 && sweep_s.is_finite(), "robot.lidar.sweep_duration_s", sweep_s, "0 or more")?;
+    for lidar in std::iter::once(&config.robot.lidar).chain(&config.robot.further_lidars) {
+        let sweep_s = lidar.sweep_duration_s;
+        check(sweep_s >= 0.0 && sweep_s.is_finite(), "robot.lidar.sweep_duration_s", sweep_s, "0 or more")?;
+    }
     let Some(wheels) = &config.robot.wheels else { return Ok(()) };
     for (key, found) in [
         ("robot.wheels.left_m_per_tick", wheels.left_m_per_tick),
@@ -359,7 +368,7 @@ mod tests {
     }
 
     fn scan_of(stamp_s: f64, ranges_m: Vec<f32>, odometry: Option<Pose2>) -> Record {
-        Record::Scan(Scan { stamp_s, ranges_m, geometry: geometry(), odometry })
+        Record::Scan(Scan { sensor: SensorId::default(), stamp_s, ranges_m, geometry: geometry(), odometry })
     }
 
     fn scan(stamp_s: f64) -> Record {

@@ -1,6 +1,7 @@
 //! A robot's calibration: where its sensors sit and what their numbers mean.
 
 use crate::geometry::Mount;
+use crate::ids::SensorId;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -12,12 +13,24 @@ pub struct RobotConfig {
     pub name: String,
     /// The planar LiDAR.
     pub lidar: LidarConfig,
+    /// Further planar LiDARs, each with a mount and timing of its own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub further_lidars: Vec<LidarConfig>,
     /// The wheels; absent when the data hold no encoder counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wheels: Option<WheelConfig>,
     /// The RGB-D camera; absent when there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraConfig>,
+}
+
+impl RobotConfig {
+    /// The calibration of a LiDAR; that of the first where the number names none.
+    #[must_use]
+    pub fn lidar_of(&self, sensor: SensorId) -> &LidarConfig {
+        let further = usize::from(sensor.0).checked_sub(1);
+        further.and_then(|position| self.further_lidars.get(position)).unwrap_or(&self.lidar)
+    }
 }
 
 /// `[robot.lidar]`: mount and timing of the planar LiDAR.

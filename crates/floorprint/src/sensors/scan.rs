@@ -1,6 +1,7 @@
 //! Planar laser scans: a range, an angle and a time for every ray.
 
 use crate::geometry::Pose2;
+use crate::ids::SensorId;
 use std::sync::Arc;
 
 /// What a scanner's rays have in common from scan to scan.
@@ -63,6 +64,8 @@ pub enum Ray {
 /// One turn of a planar LiDAR.
 #[derive(Debug, Clone)]
 pub struct Scan {
+    /// The LiDAR that took it.
+    pub sensor: SensorId,
     /// Time of the scan, seconds (the clock of the data set).
     pub stamp_s: f64,
     /// Raw ranges, metres, one per ray of `geometry`.

@@ -5,6 +5,7 @@ use super::drive::SimulatedDrive;
 use super::fault::{Fault, within};
 use super::trajectory::Sample;
 use super::walker::leg_range_m;
+use crate::SensorId;
 use crate::random::{Stage, generator};
 use crate::sensors::{Scan, ScanGeometry, StampAt};
 use rand::RngExt;
@@ -117,6 +118,7 @@ impl Lidar {
             (((range_m * UNITS_PER_M + 0.5) as u32) as f64 / UNITS_PER_M) as f32
         };
         Scan {
+            sensor: SensorId::default(),
             stamp_s: simulation.start_stamp_s + time_s,
             ranges_m: self.rays.iter().zip(&self.geometry.time_offsets_s).map(cast).collect(),
             geometry: Arc::clone(&self.geometry),
