@@ -39,6 +39,8 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         force: true,
     };
     let Some((report, results)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
-    summary::print(&mut terminal.results(), &report, &results)?;
+    if !terminal.is_quiet() {
+        summary::print(&mut terminal.results(), &report, &results)?;
+    }
     Ok(if report.partial { Outcome::Interrupted } else { Outcome::Fine })
 }

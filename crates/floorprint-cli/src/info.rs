@@ -29,10 +29,8 @@ pub(crate) struct Arguments {
 
 /// Runs `floorprint info`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
-    let options = OpenOptions {
-        drive: arguments.drive,
-        max_expansion: arguments.max_expansion.unwrap_or(USUAL_EXPANSION),
-    };
+    let options =
+        OpenOptions { drive: arguments.drive, max_expansion: arguments.max_expansion.unwrap_or(USUAL_EXPANSION) };
     let data_set = open(&arguments.path, &options)?;
     let info = Info::of(&data_set);
     let mut out = terminal.results();

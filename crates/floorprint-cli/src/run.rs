@@ -16,7 +16,7 @@ use anyhow::Context as _;
 use clap::Args;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::{Phase, Profiler};
-use floorprint_io::{Contents, OpenOptions, RunFolder, USUAL_EXPANSION, open};
+use floorprint_io::{Contents, OpenOptions, RunFolder, USUAL_EXPANSION, free_beside, open};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -31,7 +31,7 @@ pub(crate) struct Arguments {
     settings: Settings,
     #[command(flatten)]
     work: Work,
-    /// Folder of the results [default: runs/NAME-PRESET, after the data set].
+    /// Folder of the results [default: runs/NAME-PRESET after the data set, with a number where that exists].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Replace the folder if it exists.
@@ -97,7 +97,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let out = arguments.out.clone().unwrap_or_else(|| {
         let name = run_folder::data_set_name(&arguments.path);
         let drive = arguments.drive.map_or(String::new(), |drive| format!("-{drive}"));
-        Path::new("runs").join(format!("{name}{drive}-{}", arguments.settings.preset.name()))
+        let plain = Path::new("runs").join(format!("{name}{drive}-{}", arguments.settings.preset.name()));
+        // The same drive with other settings, or once more: each run has a folder of its own.
+        if plain.exists() && !arguments.force { free_beside(&plain) } else { plain }
     });
     let task = Task {
         path: &arguments.path,
@@ -108,7 +110,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         force: arguments.force,
     };
     let Some((report, out)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
-    summary::print(&mut terminal.results(), &report, &out)?;
+    if !terminal.is_quiet() {
+        summary::print(&mut terminal.results(), &report, &out)?;
+    }
     if report.partial {
         terminal.warn("stopped before its end: the results are partial");
         return Ok(Outcome::Interrupted);
@@ -132,18 +136,17 @@ impl Task<'_> {
         self.work.pool()?.install(|| self.solve_and_write(terminal, &interrupt))
     }
 
-    fn solve_and_write(
-        &self,
-        terminal: &Terminal,
-        interrupt: &Interrupt,
-    ) -> anyhow::Result<Option<(Report, PathBuf)>> {
+    fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Option<(Report, PathBuf)>> {
         let mut stopwatch = Stopwatch::start(Phase::Read);
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
         for note in folder.notes() {
             terminal.warn(note);
         }
-        let data_set = open(self.path, &self.work.open_options(self.drive))?;
+        let reading = terminal.busy("reading");
+        let data_set = open(self.path, &self.work.open_options(self.drive));
+        reading.finish_and_clear();
+        let data_set = data_set?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
         for note in &data_set.notes {
             terminal.note(note);
@@ -158,9 +161,16 @@ impl Task<'_> {
             return Ok(None);
         }
 
+        let _writing = terminal.busy("writing");
         stopwatch.enter(Phase::Evaluate);
         let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
         let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
+        if map.resolution_m > config.map.resolution_m {
+            report.notes.push(format!(
+                "what was seen lies so far apart that the map is drawn in cells of {} m instead of {} m",
+                map.resolution_m, config.map.resolution_m
+            ));
+        }
         report.errors = TruthFiles::beside(self.path).errors(&solution, &map, &config, &mut report.notes)?;
         stopwatch.enter(Phase::Write);
         if let Some(snapshots) = &snapshots {
@@ -168,7 +178,8 @@ impl Task<'_> {
         }
         run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
         interrupt.is_finishing();
-        let out = if report.partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };
+        let out =
+            if report.partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };
         if out != *self.out && report.partial {
             let (earlier, kept) = (self.out.display(), out.display());
             terminal.warn(&format!("{earlier} holds the complete results of an earlier run: these lie in {kept}"));

@@ -37,7 +37,11 @@ impl Budget {
         let megabytes = |bytes: f64| bytes / 1e6;
         Problem::new(
             path,
-            format!("{:.1} MB that unpack to more than {:.0} MB", megabytes(self.file_bytes), megabytes(self.most_bytes)),
+            format!(
+                "{:.1} MB that unpack to more than {:.0} MB",
+                megabytes(self.file_bytes),
+                megabytes(self.most_bytes)
+            ),
         )
         .expected("data that hardly grow")
         .advice(format!(

@@ -3,8 +3,8 @@
 //! As with maps, the origin is the world's x and y of the lower left corner of the lower left pixel.
 
 use crate::error::{Problem, ReadError, WriteError};
-use crate::regular_file::read_regular;
 use crate::picture::{Picture, Pixels, read_png, write_png};
+use crate::regular_file::read_regular;
 use crate::replace::write_file;
 use floorprint::evaluation::FloorImage;
 use floorprint::map::Raster;

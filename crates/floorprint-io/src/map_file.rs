@@ -3,9 +3,9 @@
 //! Source: the ROS wiki, `map_server`, "Map format".
 
 use crate::error::{Problem, ReadError, WriteError};
-use crate::regular_file::{read_regular, read_text};
 use crate::pgm::{parse_pgm, write_pgm};
 use crate::picture::{Pixels, decode_png};
+use crate::regular_file::{read_regular, read_text};
 use crate::replace::replace_file;
 use floorprint::map::{Occupancy, Raster};
 use serde::Deserialize;
@@ -64,8 +64,7 @@ pub fn read_map(path: &Path) -> Result<Raster<Occupancy>, ReadError> {
         .cells(&bytes)
         .map_err(|found| Problem::new(&picture_path, found).expected("a whole picture (PGM or PNG)"))?;
     let [x_m, y_m, yaw_rad] = description.origin;
-    let map =
-        Raster { width, height, resolution_m: description.resolution, origin_m: [x_m, y_m], cells };
+    let map = Raster { width, height, resolution_m: description.resolution, origin_m: [x_m, y_m], cells };
     if yaw_rad == 0.0 { Ok(map) } else { Ok(turned(&map, yaw_rad)) }
 }
 
@@ -148,38 +147,37 @@ impl Description {
         if !bytes.starts_with(b"\x89PNG") {
             let picture = parse_pgm(bytes)?;
             let white = f64::from(picture.white);
-            let cells = picture.levels.iter().map(|&level| self.occupancy(f64::from(level) / white, 1.0)).collect();
+            let cells = picture.levels.iter().map(|&level| self.occupancy(f64::from(level), white, true)).collect();
             return Ok((picture.width, picture.height, cells));
         }
         let picture = decode_png(bytes)?;
-        let share = |level: u8| f64::from(level) / 255.0;
-        let mean = |levels: &[u8]| levels.iter().map(|&level| share(level)).sum::<f64>() / levels.len() as f64;
+        let mean = |levels: &[u8]| levels.iter().map(|&level| f64::from(level)).sum::<f64>() / levels.len() as f64;
         let cells = match &picture.pixels {
-            Pixels::Gray8(gray) => gray.iter().map(|&level| self.occupancy(share(level), 1.0)).collect(),
-            Pixels::Gray16(gray) => gray.iter().map(|&level| self.occupancy(f64::from(level) / 65535.0, 1.0)).collect(),
-            Pixels::Rgb8(rgb) => rgb.iter().map(|rgb| self.occupancy(mean(rgb), 1.0)).collect(),
+            Pixels::Gray8(gray) => gray.iter().map(|&level| self.occupancy(f64::from(level), 255.0, true)).collect(),
+            Pixels::Gray16(gray) => gray.iter().map(|&level| self.occupancy(f64::from(level), 65535.0, true)).collect(),
+            Pixels::Rgb8(rgb) => rgb.iter().map(|rgb| self.occupancy(mean(rgb), 255.0, true)).collect(),
             Pixels::Rgba8(rgba) if self.mode == Mode::Trinary => {
-                rgba.iter().map(|rgba| self.occupancy(mean(rgba), 1.0)).collect()
+                rgba.iter().map(|rgba| self.occupancy(mean(rgba), 255.0, true)).collect()
             }
             Pixels::Rgba8(rgba) => {
-                rgba.iter().map(|[rgb @ .., opacity]| self.occupancy(mean(rgb), share(*opacity))).collect()
+                rgba.iter().map(|[rgb @ .., opacity]| self.occupancy(mean(rgb), 255.0, *opacity == 255)).collect()
             }
         };
         Ok((picture.width, picture.height, cells))
     }
 
-    /// What a pixel says; `brightness` from 0 (black) to 1 (white), `opacity` from 0 to 1.
-    fn occupancy(&self, brightness: f64, opacity: f64) -> Occupancy {
+    /// What a pixel of a level from 0 (black) to `white` says.
+    fn occupancy(&self, level: f64, white: f64, is_opaque: bool) -> Occupancy {
         let negate = matches!(self.negate, Negate::Word(true) | Negate::Number(1..));
-        let probability = match (self.mode, negate) {
-            (Mode::Raw, false) => (brightness * 255.0).round() / 100.0,
-            (Mode::Raw, true) => ((1.0 - brightness) * 255.0).round() / 100.0,
-            (_, true) => brightness,
-            (_, false) => 1.0 - brightness,
+        // Divided last, as `map_server` does it: what is at a threshold must not be off by a last digit.
+        let dark = if negate { level } else { white - level };
+        let probability = match self.mode {
+            Mode::Raw => ((white - dark) / white * 255.0).round() / 100.0,
+            _ => dark / white,
         };
         let is_unknown = match self.mode {
             Mode::Trinary => false,
-            Mode::Scale => opacity < 1.0,
+            Mode::Scale => !is_opaque,
             Mode::Raw => probability > 1.0,
         };
         if is_unknown {
@@ -199,11 +197,13 @@ fn turned(map: &Raster<Occupancy>, yaw_rad: f64) -> Raster<Occupancy> {
     let Raster { width, height, resolution_m, origin_m, cells } = map;
     let (sin, cos) = yaw_rad.sin_cos();
     let size_m = [*width as f64 * resolution_m, *height as f64 * resolution_m];
-    let corners_m = [[0.0, 0.0], [size_m[0], 0.0], [0.0, size_m[1]], size_m].map(|[x, y]| [cos * x - sin * y, sin * x + cos * y]);
+    let corners_m =
+        [[0.0, 0.0], [size_m[0], 0.0], [0.0, size_m[1]], size_m].map(|[x, y]| [cos * x - sin * y, sin * x + cos * y]);
     let low_m = [0, 1].map(|axis| corners_m.iter().map(|corner_m| corner_m[axis]).fold(f64::INFINITY, f64::min));
     let high_m = [0, 1].map(|axis| corners_m.iter().map(|corner_m| corner_m[axis]).fold(f64::NEG_INFINITY, f64::max));
     // A turn by a right angle must not add a row for the last digit.
-    let [columns, rows] = [0, 1].map(|axis| ((high_m[axis] - low_m[axis]) / resolution_m - 1e-6).ceil().max(1.0) as usize);
+    let [columns, rows] =
+        [0, 1].map(|axis| ((high_m[axis] - low_m[axis]) / resolution_m - 1e-6).ceil().max(1.0) as usize);
     let cell = |row: usize, column: usize| {
         let (x_m, y_m) = (
             low_m[0] + (column as f64 + 0.5) * resolution_m,
@@ -218,7 +218,10 @@ fn turned(map: &Raster<Occupancy>, yaw_rad: f64) -> Raster<Occupancy> {
         height: rows,
         resolution_m: *resolution_m,
         origin_m: [origin_m[0] + low_m[0], origin_m[1] + low_m[1]],
-        cells: (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))).map(|(row, column)| cell(row, column)).collect(),
+        cells: (0..rows)
+            .flat_map(|row| (0..columns).map(move |column| (row, column)))
+            .map(|(row, column)| cell(row, column))
+            .collect(),
     }
 }
 
@@ -250,7 +253,10 @@ mod tests {
         }
         let flow = "{image: a.pgm, resolution: 0.05, origin: [-7.5, 2, 0], negate: 0}";
         assert_eq!(parse(flow).unwrap(), description);
-        assert_eq!(parse(&TEXT.replace("negate: 0", "negate: false")).unwrap().occupancy(1.0, 1.0), Occupancy::Free);
+        assert_eq!(
+            parse(&TEXT.replace("negate: 0", "negate: false")).unwrap().occupancy(255.0, 255.0, true),
+            Occupancy::Free
+        );
     }
 
     #[test]
@@ -258,7 +264,7 @@ mod tests {
         use Occupancy::{Free, Occupied, Unknown};
         let levels = |text: &str, levels: [f64; 3]| {
             let description = parse(text).unwrap();
-            levels.map(|level| description.occupancy(level / 255.0, 1.0))
+            levels.map(|level| description.occupancy(level, 255.0, true))
         };
         assert_eq!(levels(TEXT, [0.0, 205.0, 254.0]), [Occupied, Unknown, Free]);
         assert_eq!(levels(&TEXT.replace("negate: 0", "negate: 1"), [0.0, 50.0, 255.0]), [Free, Unknown, Occupied]);
@@ -270,8 +276,7 @@ mod tests {
         let at = TEXT.replace("0.65", "0.8").replace("0.196", "0.2");
         assert_eq!(levels(&at, [51.0, 50.0, 204.0]), [Unknown, Occupied, Unknown]);
         let scale = parse(&format!("{TEXT}mode: scale\n")).unwrap();
-        let opacities = [1.0, 0.99, 0.0].map(|opacity| scale.occupancy(0.0, opacity));
-        assert_eq!(opacities, [Occupied, Unknown, Unknown]);
+        assert_eq!([true, false].map(|is_opaque| scale.occupancy(0.0, 255.0, is_opaque)), [Occupied, Unknown]);
     }
 
     #[test]

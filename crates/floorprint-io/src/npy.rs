@@ -340,9 +340,8 @@ pub(crate) mod tests {
         let (rows, columns) = (37_u8, 5_u8);
         let by_rows: Vec<u8> = (0..rows).flat_map(|r| (0..columns).map(move |c| r * columns + c)).collect();
         let by_columns: Vec<u8> = (0..columns).flat_map(|c| (0..rows).map(move |r| r * columns + c)).collect();
-        let columns_of = |fortran, data: &[u8]| {
-            read::<f32>(&npy("|u1", fortran, "(37, 5)", data)).unwrap().into_columns().unwrap()
-        };
+        let columns_of =
+            |fortran, data: &[u8]| read::<f32>(&npy("|u1", fortran, "(37, 5)", data)).unwrap().into_columns().unwrap();
         let result = columns_of(false, &by_rows);
         assert_eq!(result, columns_of(true, &by_columns));
         assert_eq!((result.len(), result[3].len(), result[3][2]), (5, 37, 13.0));

@@ -7,6 +7,7 @@ use crate::budget::Budget;
 use crate::error::{Problem, ReadError};
 use crate::npy::{Array, NpyError, Number};
 use flate2::bufread::DeflateDecoder;
+use std::borrow::Cow;
 use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
 use zip::ZipArchive;
@@ -82,7 +83,9 @@ impl<'a> Npz<'a> {
                 Ok(entry) => Array::read(entry, &mut self.budget, false),
                 Err(ZipError::FileNotFound) => return Ok(None),
                 Err(error) => {
-                    return Err(problem(&self.path, name, error.to_string(), "a NumPy array, stored or deflated").into());
+                    return Err(
+                        problem(&self.path, name, error.to_string(), "a NumPy array, stored or deflated").into()
+                    );
                 }
             },
             Content::CutOff(entries) => match entries.iter().find(|entry| entry.name == file) {
@@ -103,7 +106,7 @@ impl<'a> Npz<'a> {
             return Ok(array);
         }
         let (files, cut): (Vec<String>, _) = match &self.content {
-            Content::Whole(archive) => (archive.file_names().flatten().map(str::to_owned).collect(), ""),
+            Content::Whole(archive) => (archive.file_names().flatten().map(Cow::into_owned).collect(), ""),
             Content::CutOff(entries) => {
                 (entries.iter().map(|entry| entry.name.clone()).collect(), "it was cut off; before the cut ")
             }

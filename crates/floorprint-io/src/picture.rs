@@ -216,6 +216,9 @@ mod tests {
         assert!(decode_png(&bytes).is_err());
         // As large as the file is small: nothing but its rows of zeros.
         bytes[16..24].copy_from_slice(&[0, 0, 0x75, 0x30, 0, 0, 0x75, 0x30]);
+        let mut checksum = flate2::Crc::new();
+        checksum.update(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
         assert!(decode_within(&bytes, 64e6, USUAL_EXPANSION).unwrap_err().contains("30000×30000 pixels"));
     }
 

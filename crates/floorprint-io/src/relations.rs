@@ -2,8 +2,8 @@
 //! (Kümmerle et al. 2009, "On measuring the accuracy of SLAM algorithms").
 
 use crate::error::{Problem, ReadError, quoted};
-use crate::regular_file::read_regular;
 use crate::number::Tokens;
+use crate::regular_file::read_regular;
 use floorprint::evaluation::Relation;
 use floorprint::geometry::Pose2;
 use std::path::Path;

@@ -455,7 +455,8 @@ fn parent_of(path: &Path) -> &Path {
 }
 
 /// The first name `target-2`, `target-3`, … at which nothing stands.
-fn free_beside(target: &Path) -> PathBuf {
+#[must_use]
+pub fn free_beside(target: &Path) -> PathBuf {
     let name = target.file_name().unwrap_or_default();
     let mut number = 2_u64;
     loop {
@@ -473,8 +474,8 @@ fn free_beside(target: &Path) -> PathBuf {
 #[cfg(unix)]
 fn is_at(folder: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
-    let identity = |found: fs::Metadata| (found.dev(), found.ino());
-    matches!((folder.metadata(), fs::metadata(path)), (Ok(own), Ok(there)) if identity(own) == identity(there))
+    let identity = |found: &fs::Metadata| (found.dev(), found.ino());
+    matches!((folder.metadata(), fs::metadata(path)), (Ok(own), Ok(there)) if identity(&own) == identity(&there))
 }
 
 /// Whether `folder` is what stands at `path`: elsewhere, folders that are open cannot be moved.

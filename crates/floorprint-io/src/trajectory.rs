@@ -1,8 +1,8 @@
 //! Trajectories in the TUM format: lines of `stamp x y z qx qy qz qw`.
 
 use crate::error::{Problem, ReadError, WriteError, quoted};
-use crate::regular_file::read_regular;
 use crate::number::{Tokens, push_fixed};
+use crate::regular_file::read_regular;
 use crate::replace::write_file;
 use floorprint::geometry::Pose2;
 use floorprint::sensors::StampedPose;

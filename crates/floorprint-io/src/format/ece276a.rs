@@ -271,7 +271,9 @@ impl Drive {
             match listings.iter().find(|(_, names)| names.contains(&name)) {
                 None => self.dropped.add(DropReason::MissingImage),
                 Some(_) if !keep => self.dropped.add(DropReason::StampJump),
-                Some((place, _)) => entries.push(ImageEntry { stamp_s, path: place.join(name), max_expansion: self.max_expansion }),
+                Some((place, _)) => {
+                    entries.push(ImageEntry { stamp_s, path: place.join(name), max_expansion: self.max_expansion })
+                }
             }
         }
         for entry in &entries {
@@ -458,8 +460,7 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn pipes_among_the_images_are_refused_at_once() {
-        let kinect =
-            [("disparity_time_stamps", doubles("(1,)", &[1.0])), ("rgb_time_stamps", doubles("(1,)", &[1.5]))];
+        let kinect = [("disparity_time_stamps", doubles("(1,)", &[1.0])), ("rgb_time_stamps", doubles("(1,)", &[1.5]))];
         let files = [
             ("Hokuyo7.npz", npz(&hokuyo([1.0, 2.0, 3.0]), CompressionMethod::Stored)),
             ("Kinect7.npz", npz(&kinect, CompressionMethod::Stored)),
