@@ -144,9 +144,9 @@ impl Figure {
         }
     }
 
-    /// Size of a dot of the scale bar's letters: they can be read when the figure is shown 600 pixels wide.
+    /// Size of a dot of the scale bar's letters: they can be read when the figure is shown at half its size.
     fn dot_px(&self) -> usize {
-        (self.width.max(self.height) / 300).max(2)
+        (self.width.max(self.height) / 240).max(2)
     }
 
     fn draw_scale_bar(&mut self) {

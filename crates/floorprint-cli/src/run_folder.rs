@@ -51,8 +51,8 @@ fn with_trajectories(map: &Raster<Occupancy>, solution: &Solution) -> Figure {
     let mut figure = Figure::of_map(map);
     let points =
         |poses: &[StampedPose]| poses.iter().map(|stamped| [stamped.pose.x, stamped.pose.y]).collect::<Vec<_>>();
-    figure.draw_line(points(&solution.odometry).into_iter(), DEAD_RECKONING, 2.0);
-    figure.draw_line(points(&solution.trajectory).into_iter(), TRAJECTORY, 3.0);
+    figure.draw_line(points(&solution.odometry).into_iter(), DEAD_RECKONING, 1.5);
+    figure.draw_line(points(&solution.trajectory).into_iter(), TRAJECTORY, 2.0);
     figure
 }
 

@@ -164,6 +164,11 @@ impl RunFolder {
             let problem = Problem::new(target, "no folder of its own").advice("Name a new folder for the results");
             return Err(problem.into());
         }
+        if target.is_symlink() && !target.exists() {
+            return Err(Problem::new(target, "a link that leads nowhere stands there")
+                .advice("Choose another folder")
+                .into());
+        }
         let target = behind_links(target);
         let parent = parent_of(&target);
         let mut folder = Self {
@@ -406,7 +411,7 @@ impl RunFolder {
             return Ok(None);
         }
         if !target.is_dir() {
-            return Ok(problem("a file or a link that leads nowhere stands there", "Choose another folder"));
+            return Ok(problem("a file stands there", "Choose another folder"));
         }
         if fs::read_dir(target)?.next().is_none() {
             return Ok(None);
@@ -501,7 +506,7 @@ fn sync_folders(folder: &Path) -> io::Result<()> {
 /// When something else is in it, which stays, or the system refuses.
 fn remove_contents(folder: &Path, contents: Contents) -> io::Result<()> {
     match fs::remove_file(folder.join(contents.mark())) {
-        Err(failure) if failure.kind() != io::ErrorKind::NotFound => return Err(failure),
+        Err(failure) if failure.kind() != io::ErrorKind::NotFound => Err(failure),
         _ => remove_within(folder, "", contents).and_then(|()| fs::remove_dir(folder)),
     }
 }

@@ -1,6 +1,6 @@
 //! What fuzzing found, and what it begins with, is looked at once in every test run.
 
-#![expect(clippy::expect_used, clippy::unwrap_used, reason = "a test ends where a step fails")]
+#![expect(clippy::expect_used, reason = "a test ends where a step fails")]
 
 #[path = "../../../fuzz/src/lib.rs"]
 mod targets;

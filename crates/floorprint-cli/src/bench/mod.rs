@@ -236,10 +236,6 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 /// Everything that was asked for, in its order.
 fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     let mut cases: Vec<Case> = data_sets::find(&arguments.paths)?.into_iter().map(Case::DataSet).collect();
-    if cases.is_empty() && !arguments.paths.is_empty() {
-        let paths: Vec<String> = arguments.paths.iter().map(|path| path.display().to_string()).collect();
-        bail!("no data sets in {}; expected .clf, .log or .dat files (also .gz), or ECE276A folders", paths.join(", "));
-    }
     cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
     cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
     if cases.is_empty() {

@@ -23,6 +23,9 @@ const STRETCHES_SHOWN: usize = 8;
 /// Poses that can be pointed at; of longer drives every so many.
 const POSES_NAMED: usize = 6000;
 
+/// Everything is shown at first where it is at most so many times as large as the map.
+const FARTHEST_SHOWN: f64 = 1.8;
+
 /// What the page shows besides the report's figures.
 pub(crate) struct Exhibits<'a> {
     /// The run's result.
@@ -170,7 +173,10 @@ fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::
     let Exhibits { solution, map, .. } = exhibits;
     let truth = &report.errors.true_trajectory;
     let drawn: [&[StampedPose]; 3] = [&solution.trajectory, &solution.odometry, truth];
-    let view = View::around(&drawn, map).with_room_for_scale_bar();
+    let (near, all) = (View::around(&drawn, map), View::of_all(&drawn, map));
+    // Dead reckoning that runs far off must not shrink the map to a spot: then a button shows it.
+    let view = if all.longest_m() < FARTHEST_SHOWN * near.longest_m() { View::of_all(&drawn, map) } else { near };
+    let view = view.with_room_for_scale_bar();
     let mut layers = vec![
         ("map", "cells", "map", "checked"),
         ("trajectory", "trajectory", "trajectory", "checked"),
@@ -203,7 +209,7 @@ fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::
          {}<p class=\"caption\">Free cells are white, occupied ones black, unknown ones grey (in dark mode the other way \
          round). The ring is the start, the dot the end. Drag to move, Ctrl and the wheel or the buttons to zoom; point \
          at the trajectory for stamp and pose.</p></section>\n",
-        view.plan("", "map with trajectory and dead reckoning", &svg, Some(&View::of_all(&drawn, map)))
+        view.plan("", "map with trajectory and dead reckoning", &svg, Some(&all))
     ))
 }
 

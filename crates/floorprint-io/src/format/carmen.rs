@@ -223,7 +223,12 @@ impl Log {
         let mark_m =
             no_return_mark_m(|| self.scans.iter().filter(is_used).flat_map(|scan| scan.ranges_m.iter().copied()));
         notes.push(match mark_m {
-            _ if self.scans.is_empty() => format!("no {}: there are no scans, so no map can be made", FORMAT.scans),
+            _ if self.scans.is_empty() => match &self.first_garbled {
+                Some((line, complaint)) => {
+                    format!("no line with a scan is whole, so no map can be made: line {line} {complaint}")
+                }
+                None => format!("no {}: there are no scans, so no map can be made", FORMAT.scans),
+            },
             Some(mark_m) => format!("readings of {mark_m} m and more mean that nothing came back"),
             None => "no reading stands out as the mark for \"nothing came back\"".to_owned(),
         });
@@ -396,12 +401,14 @@ fn usual_angles(count: usize) -> [f64; 2] {
     [-f64::to_radians(field_of_view_deg) / 2.0, f64::to_radians(step_deg)]
 }
 
+/// A layout as a key: the number of rays, and the bits of the stated angles and range.
+type LayoutKey = (usize, Option<[u64; 2]>, u32);
+
 /// The geometries that occur, made once each.
 struct Geometries<'a> {
     parameters: &'a Parameters,
     mark_m: Option<f32>,
-    /// By number of rays and the bits of the stated angles and range.
-    known: BTreeMap<(usize, Option<[u64; 2]>, u32), Arc<ScanGeometry>>,
+    known: BTreeMap<LayoutKey, Arc<ScanGeometry>>,
 }
 
 impl Geometries<'_> {
