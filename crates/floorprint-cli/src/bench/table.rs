@@ -121,7 +121,7 @@ fn accuracy_columns() -> Vec<Column> {
     vec![
         ("mean m", with_worst(|run| run.translation_m, 4)),
         ("mean °", with_worst(|run| run.rotation_deg, 3)),
-        ("max m", with_worst(|run| run.largest_m, 2)),
+        ("max m", largest(|run| run.largest_m, 2)),
         ("odometry", mean(|run| run.odometry_m, 1.0, 3)),
         ("loops", closures()),
         ("wrong", Box::new(wrong)),
@@ -131,10 +131,10 @@ fn accuracy_columns() -> Vec<Column> {
 fn cost_columns() -> Vec<Column> {
     vec![
         ("map F1", mean(|run| run.map_f1, 1.0, 3)),
-        ("double %", mean(|run| run.doubled_share, 100.0, 2)),
+        ("double", mean(|run| run.doubled_share, 100.0, 2)),
         ("scan ms, p99, max", Box::new(scan_ms)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 2)),
-        ("memory MB", memory_mb()),
+        ("MB", memory_mb()),
         ("× real", Box::new(real_time)),
     ]
 }
@@ -143,9 +143,9 @@ fn world_columns() -> Vec<Column> {
     vec![
         ("km", mean(|run| Some(run.length_m), 1e-3, 2)),
         ("RMSE m", with_worst(|run| run.translation_m, 3)),
-        ("largest m", with_worst(|run| run.largest_m, 3)),
-        ("at the end m", with_worst(|run| run.end_m, 3)),
-        ("odometry m", mean(|run| run.odometry_m, 1.0, 1)),
+        ("max m", largest(|run| run.largest_m, 3)),
+        ("end m", largest(|run| run.end_m, 3)),
+        ("odometry", mean(|run| run.odometry_m, 1.0, 1)),
         ("loops", closures()),
         ("wrong", Box::new(wrong)),
     ]
@@ -158,7 +158,7 @@ fn world_cost_columns() -> Vec<Column> {
         ("scan ms, p99, max", Box::new(scan_ms)),
         ("end s", mean(|run| run.finish_s, 1.0, 2)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
-        ("memory MB", memory_mb()),
+        ("MB", memory_mb()),
     ]
 }
 
@@ -169,7 +169,7 @@ fn growth_columns() -> Vec<Column> {
         ("end s", mean(|run| run.finish_s, 1.0, 2)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
         ("× real", Box::new(real_time)),
-        ("memory MB", memory_mb()),
+        ("MB", memory_mb()),
     ]
 }
 
@@ -177,8 +177,8 @@ fn growth_error_columns() -> Vec<Column> {
     vec![
         ("km", mean(|run| Some(run.length_m), 1e-3, 2)),
         ("RMSE m", with_worst(|run| run.translation_m, 3)),
-        ("at the end m", with_worst(|run| run.end_m, 3)),
-        ("odometry m", mean(|run| run.odometry_m, 1.0, 1)),
+        ("end m", largest(|run| run.end_m, 3)),
+        ("odometry", mean(|run| run.odometry_m, 1.0, 1)),
         ("loops", closures()),
         ("wrong", Box::new(wrong)),
     ]
@@ -210,6 +210,14 @@ fn with_worst(value: fn(&Run) -> Option<f64>, decimals: usize) -> Box<dyn Fn(&Ro
             Some(worst) if values.len() == 1 => format!("{worst:.decimals$}"),
             Some(worst) => format!("{:.decimals$} ({worst:.decimals$})", mean_of(&values)),
         }
+    })
+}
+
+/// The largest of all runs.
+fn largest(value: fn(&Run) -> Option<f64>, decimals: usize) -> Box<dyn Fn(&Row) -> String> {
+    Box::new(move |row| match values(row, value).into_iter().reduce(f64::max) {
+        None => UNKNOWN.to_owned(),
+        Some(largest) => format!("{largest:.decimals$}"),
     })
 }
 
