@@ -6,7 +6,7 @@ use clap::{Args, Subcommand};
 use floorprint::Config;
 use floorprint::config::{ConfigError, ConfigOption, Kind, Layer, Preset, find_options, json_schema, options};
 use floorprint::sensors::RobotConfig;
-use std::fs;
+use floorprint_io::{OpenOptions, open, read_text};
 use std::io::Write;
 use std::path::PathBuf;
 use toml::{Table, Value};
@@ -15,7 +15,15 @@ use toml::{Table, Value};
 #[derive(Subcommand)]
 pub(crate) enum Command {
     /// Print the resolved configuration as TOML.
-    Show(Settings),
+    Show {
+        /// Data set whose robot it is resolved for; without it, for a robot of which nothing is known.
+        path: Option<PathBuf>,
+        /// Number of the drive, for folders that hold several.
+        #[arg(long, value_name = "N")]
+        drive: Option<u32>,
+        #[command(flatten)]
+        settings: Settings,
+    },
     /// Explain options: meaning, values, default, presets. Without a key, list them all.
     Explain {
         /// An option (`filter.particles`) or a section (`filter`).
@@ -51,9 +59,8 @@ impl Settings {
         let mut layers: Vec<Layer> = robot.map(Layer::from_robot).into_iter().collect();
         layers.push(self.preset.layer());
         if let Some(path) = &self.config {
-            let unreadable =
-                |error| BadArguments(format!("cannot read the configuration file {}: {error}", path.display()));
-            let text = fs::read_to_string(path).map_err(unreadable)?;
+            let unreadable = |error| BadArguments(format!("the configuration file: {error}"));
+            let text = read_text(path).map_err(unreadable)?;
             layers.push(Layer::from_toml(&path.display().to_string(), &text)?);
         }
         for setting in &self.set {
@@ -70,7 +77,12 @@ impl Settings {
 pub(crate) fn execute(command: &Command, terminal: &Terminal) -> anyhow::Result<Outcome> {
     let mut out = terminal.results();
     match command {
-        Command::Show(settings) => write!(out, "{}", settings.resolve(None)?.to_toml())?,
+        Command::Show { path, drive, settings } => {
+            let options = OpenOptions { drive: *drive, ..OpenOptions::default() };
+            let data_set = path.as_deref().map(|path| open(path, &options)).transpose()?;
+            let robot = data_set.as_ref().map(|data_set| &data_set.robot);
+            write!(out, "{}", settings.resolve(robot)?.to_toml())?;
+        }
         Command::Schema => writeln!(out, "{}", json_schema())?,
         Command::Explain { key } => {
             let presets = preset_tables()?;

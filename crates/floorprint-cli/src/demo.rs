@@ -40,7 +40,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         force: true,
         earlier: None,
     };
-    let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
-    summary::print(&mut terminal.results(), &report, &results)?;
+    let Some((report, results)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
+    if !terminal.is_quiet() {
+        summary::print(&mut terminal.results(), &report, &results)?;
+    }
     Ok(if report.partial { Outcome::Interrupted } else { Outcome::Fine })
 }

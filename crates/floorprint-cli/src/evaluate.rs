@@ -1,7 +1,7 @@
 //! `floorprint evaluate`: results against the truth.
 
 use crate::number::number;
-use crate::outcome::Outcome;
+use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::{HEADING, Terminal};
 use crate::truth::seen_floor;
 use anyhow::{Context as _, ensure};
@@ -13,13 +13,12 @@ use floorprint::evaluation::{
 };
 use floorprint::map::Raster;
 use floorprint::sensors::StampedPose;
-use floorprint_io::{read_floor, read_map, read_relations, read_trajectory};
+use floorprint_io::{read_floor, read_map, read_relations, read_text, read_trajectory};
 use serde::Serialize;
-use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Compare results with the truth.
+/// Compare results with the truth: the truth first, then the estimate.
 #[derive(Subcommand)]
 pub(crate) enum Command {
     /// Absolute and relative errors of a trajectory against a true one (both TUM files).
@@ -32,14 +31,41 @@ pub(crate) enum Command {
     Relations(Relations),
 }
 
+/// What is compared.
+#[derive(Args)]
+struct Files {
+    /// The truth (or the relations), then the estimate.
+    #[arg(value_names = ["TRUTH", "ESTIMATE"], num_args = 2, required_unless_present_all = ["truth", "estimate"])]
+    files: Vec<PathBuf>,
+    /// The truth.
+    #[arg(
+        long,
+        alias = "relations",
+        value_name = "FILE",
+        hide = true,
+        conflicts_with = "files",
+        requires = "estimate"
+    )]
+    truth: Option<PathBuf>,
+    /// The estimate.
+    #[arg(long, aliases = ["trajectory", "map", "texture"], value_name = "FILE", hide = true, requires = "truth")]
+    estimate: Option<PathBuf>,
+}
+
+impl Files {
+    /// The truth and the estimate.
+    fn pair(&self) -> anyhow::Result<[&Path; 2]> {
+        match (&self.files[..], &self.truth, &self.estimate) {
+            ([truth, estimate], _, _) | ([], Some(truth), Some(estimate)) => Ok([truth, estimate]),
+            _ => Err(BadArguments("expected two files: the truth and the estimate".to_owned()).into()),
+        }
+    }
+}
+
 #[derive(Args)]
 pub(crate) struct Trajectory {
-    /// The estimated trajectory.
-    #[arg(long, value_name = "FILE")]
-    trajectory: PathBuf,
-    /// The true trajectory.
-    #[arg(long, value_name = "FILE")]
-    truth: PathBuf,
+    #[command(flatten)]
+    files: Files,
     /// How the estimate is moved onto the truth first.
     #[arg(long, value_enum, default_value_t = Align::None)]
     align: Align,
@@ -64,12 +90,8 @@ enum Align {
 
 #[derive(Args)]
 pub(crate) struct Map {
-    /// The estimated map.
-    #[arg(long, value_name = "YAML")]
-    map: PathBuf,
-    /// The true map.
-    #[arg(long, value_name = "YAML")]
-    truth: PathBuf,
+    #[command(flatten)]
+    files: Files,
     /// How far apart two occupied cells may be and still be the same wall, cells of the true map.
     #[arg(long, value_name = "CELLS", default_value_t = 1)]
     tolerance: u32,
@@ -83,12 +105,8 @@ pub(crate) struct Map {
 
 #[derive(Args)]
 pub(crate) struct Texture {
-    /// The estimated floor.
-    #[arg(long, value_name = "JSON")]
-    texture: PathBuf,
-    /// The true floor.
-    #[arg(long, value_name = "JSON")]
-    truth: PathBuf,
+    #[command(flatten)]
+    files: Files,
     /// Search the best shift up to this far, cells of the estimate.
     #[arg(long, value_name = "CELLS", default_value_t = 3)]
     max_shift: u32,
@@ -99,12 +117,8 @@ pub(crate) struct Texture {
 
 #[derive(Args)]
 pub(crate) struct Relations {
-    /// The estimated trajectory, with a pose for every scan.
-    #[arg(long, value_name = "FILE")]
-    trajectory: PathBuf,
-    /// The relations: `t1 t2 x y z roll pitch yaw` a line.
-    #[arg(long, value_name = "FILE")]
-    relations: PathBuf,
+    #[command(flatten)]
+    files: Files,
     /// The odometry as a trajectory (a run's odometry.tum): how exact the relations themselves are then follows from
     /// the three. The trajectory should have been made without it (odometry.source=scan_matching), or what errors the
     /// two share is charged to the relations.
@@ -139,6 +153,7 @@ pub(crate) fn execute(command: &Command, terminal: &Terminal) -> anyhow::Result<
 
 impl Trajectory {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        let [truth, estimate] = self.files.pair()?;
         let options = TrajectoryErrorOptions {
             alignment: match self.align {
                 Align::None => Alignment::None,
@@ -148,8 +163,8 @@ impl Trajectory {
             spans: self.stretch.iter().map(|&length_m| Span::DistanceM(length_m)).collect(),
             ..TrajectoryErrorOptions::default()
         };
-        let error = TrajectoryError::new(&read_poses(&self.trajectory)?, &read_poses(&self.truth)?, &options)
-            .with_context(|| cannot_compare(&self.trajectory, &self.truth))?;
+        let error = TrajectoryError::new(&read_poses(estimate)?, &read_poses(truth)?, &options)
+            .with_context(|| cannot_compare(estimate, truth))?;
         if self.json {
             return print_json(out, &error);
         }
@@ -171,9 +186,10 @@ impl Trajectory {
 
 impl Map {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        let [truth, estimate] = self.files.pair()?;
         let options = MapQualityOptions { tolerance_cells: self.tolerance, max_shift_cells: self.max_shift };
-        let quality = MapQuality::new(&read_map(&self.map)?, &read_map(&self.truth)?, &options)
-            .with_context(|| cannot_compare(&self.map, &self.truth))?;
+        let quality = MapQuality::new(&read_map(estimate)?, &read_map(truth)?, &options)
+            .with_context(|| cannot_compare(estimate, truth))?;
         if self.json {
             return print_json(out, &quality);
         }
@@ -193,10 +209,11 @@ impl Map {
 
 impl Texture {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        let [truth, estimate] = self.files.pair()?;
         let options = TextureErrorOptions { max_shift_cells: self.max_shift };
         let seen = self.seen_floor()?;
-        let error = TextureError::new(&read_floor(&self.texture)?, &read_floor(&self.truth)?, seen.as_ref(), &options)
-            .with_context(|| cannot_compare(&self.texture, &self.truth))?;
+        let error = TextureError::new(&read_floor(estimate)?, &read_floor(truth)?, seen.as_ref(), &options)
+            .with_context(|| cannot_compare(estimate, truth))?;
         if self.json {
             return print_json(out, &error);
         }
@@ -223,12 +240,13 @@ impl Texture {
 
     /// The floor that the camera saw, where all that it follows from lies beside the two files.
     fn seen_floor(&self) -> anyhow::Result<Option<Raster<bool>>> {
-        let [images, config] = ["images.tum", "config.toml"].map(|name| self.texture.with_file_name(name));
-        let [truth, map] = ["truth.tum", "truth_map.yaml"].map(|name| self.truth.with_file_name(name));
+        let [truth, estimate] = self.files.pair()?;
+        let [images, config] = ["images.tum", "config.toml"].map(|name| estimate.with_file_name(name));
+        let [truth, map] = ["truth.tum", "truth_map.yaml"].map(|name| truth.with_file_name(name));
         if ![&images, &config, &truth, &map].iter().all(|path| path.is_file()) {
             return Ok(None);
         }
-        let text = fs::read_to_string(&config).with_context(|| format!("cannot read {}", config.display()))?;
+        let text = read_text(&config)?;
         let config = Config::resolve(&[Layer::from_toml(&config.display().to_string(), &text)?])?;
         let Some(camera) = &config.robot.camera else { return Ok(None) };
         Ok(Some(seen_floor(&read_trajectory(&images)?, &read_trajectory(&truth)?, camera, &read_map(&map)?)))
@@ -237,12 +255,13 @@ impl Texture {
 
 impl Relations {
     fn execute(&self, out: &mut impl Write) -> anyhow::Result<()> {
-        let (trajectory, relations) = (read_poses(&self.trajectory)?, read_relations(&self.relations)?);
-        let report = RelationReport::new(&trajectory, &relations)
-            .with_context(|| cannot_compare(&self.trajectory, &self.relations))?;
+        let [relations_file, estimate] = self.files.pair()?;
+        let (trajectory, relations) = (read_poses(estimate)?, read_relations(relations_file)?);
+        let report =
+            RelationReport::new(&trajectory, &relations).with_context(|| cannot_compare(estimate, relations_file))?;
         let noise = match &self.odometry {
             Some(file) => Some(RelationNoise::new(&trajectory, &read_poses(file)?, &relations).with_context(|| {
-                let (trajectory, odometry) = (self.trajectory.display(), file.display());
+                let (trajectory, odometry) = (estimate.display(), file.display());
                 format!("fewer than two short relations have poses both in {trajectory} and in {odometry}; are all of the same log?")
             })?),
             None => None,

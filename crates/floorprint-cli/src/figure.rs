@@ -1,6 +1,6 @@
 //! Drawings of the map: `map.png` and the snapshots, after the report's figures 1 and 2.
 //!
-//! White is unknown, light gray is free, black is occupied; dead reckoning is blue, the
+//! White is free, grey unknown, black occupied, as in ROS; dead reckoning is blue, the
 //! filter's trajectory red. A bar in the lower left corner gives the scale.
 
 use floorprint::map::{Occupancy, Raster};
@@ -10,11 +10,11 @@ use floorprint_io::{Picture, Pixels};
 pub(crate) type Color = [u8; 3];
 
 /// Cells of which nothing is known.
-pub(crate) const UNKNOWN: Color = [255, 255, 255];
+pub(crate) const UNKNOWN: Color = [205, 205, 205];
 /// Free cells.
-pub(crate) const FREE: Color = [222, 226, 232];
+pub(crate) const FREE: Color = [255, 255, 255];
 /// Occupied cells.
-pub(crate) const OCCUPIED: Color = [24, 28, 36];
+pub(crate) const OCCUPIED: Color = [0, 0, 0];
 /// Dead reckoning.
 pub(crate) const DEAD_RECKONING: Color = [37, 99, 235];
 /// The filter's trajectory.
@@ -22,8 +22,6 @@ pub(crate) const TRAJECTORY: Color = [220, 38, 38];
 
 /// Pixels around the map.
 const MARGIN_PX: usize = 24;
-/// Size of a dot of the scale bar's letters.
-const DOT_PX: usize = 3;
 /// Figures are enlarged by whole factors as long as their longer side stays below this.
 const LONGEST_SIDE_PX: usize = 1600;
 
@@ -146,18 +144,29 @@ impl Figure {
         }
     }
 
+    /// Size of a dot of the scale bar's letters: they can be read when the figure is shown at half its size.
+    fn dot_px(&self) -> usize {
+        (self.width.max(self.height) / 240).max(2)
+    }
+
     fn draw_scale_bar(&mut self) {
+        let dot_px = self.dot_px();
         let length_m = scale_bar_length_m(self.width as f64 / self.px_per_m);
         let length_px = (length_m * self.px_per_m).round() as usize;
-        let top = self.height - MARGIN_PX / 2;
-        self.fill(MARGIN_PX, top, length_px, 3, OCCUPIED);
         let label = format!("{length_m} m");
+        // On ground of its own, whatever the map shows there.
+        let height_px = 9 * dot_px;
+        let top = self.height.saturating_sub(height_px);
+        self.fill(0, top, length_px + (6 + 4 * label.chars().count()) * dot_px, height_px, FREE);
+        self.fill(2 * dot_px, top + 4 * dot_px, length_px, dot_px, OCCUPIED);
+        for end in [2 * dot_px, dot_px + length_px] {
+            self.fill(end, top + 2 * dot_px, dot_px, 5 * dot_px, OCCUPIED);
+        }
         for (index, character) in label.chars().enumerate() {
-            let glyph = glyph(character);
-            for (row, bits) in glyph.iter().enumerate() {
+            for (row, bits) in glyph(character).iter().enumerate() {
                 for column in (0..3).filter(|column| bits >> (2 - column) & 1 == 1) {
-                    let left = MARGIN_PX + length_px + 10 + (index * 4 + column) * DOT_PX;
-                    self.fill(left, top + row * DOT_PX - 2 * DOT_PX, DOT_PX, DOT_PX, OCCUPIED);
+                    let left = 4 * dot_px + length_px + (index * 4 + column) * dot_px;
+                    self.fill(left, top + (2 + row) * dot_px, dot_px, dot_px, OCCUPIED);
                 }
             }
         }
@@ -165,7 +174,7 @@ impl Figure {
 }
 
 /// A round length of at most a quarter of the width, metres.
-pub(crate) fn scale_bar_length_m(width_m: f64) -> f64 {
+fn scale_bar_length_m(width_m: f64) -> f64 {
     const ROUND_M: [f64; 10] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
     ROUND_M.into_iter().rev().find(|&length_m| length_m <= width_m / 4.0).unwrap_or(ROUND_M[0])
 }

@@ -1,10 +1,11 @@
 //! `floorprint info`: what is in a data set.
 
+use crate::number::number;
 use crate::outcome::Outcome;
 use crate::terminal::{HEADING, Terminal};
 use clap::Args;
 use floorprint::sensors::{Ray, Record, RobotConfig, Scan};
-use floorprint_io::{DataSet, OpenOptions, open};
+use floorprint_io::{DataSet, OpenOptions, USUAL_EXPANSION, open};
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -17,6 +18,10 @@ pub(crate) struct Arguments {
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
     drive: Option<u32>,
+    /// How many times its size a file of the data set may take in memory, besides 256 MB: what unpacks to more
+    /// is refused [default: 64].
+    #[arg(long, value_name = "TIMES", value_parser = number(0.0, 1e9))]
+    max_expansion: Option<f64>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -24,7 +29,9 @@ pub(crate) struct Arguments {
 
 /// Runs `floorprint info`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
-    let data_set = open(&arguments.path, &OpenOptions { drive: arguments.drive })?;
+    let options =
+        OpenOptions { drive: arguments.drive, max_expansion: arguments.max_expansion.unwrap_or(USUAL_EXPANSION) };
+    let data_set = open(&arguments.path, &options)?;
     let info = Info::of(&data_set);
     let mut out = terminal.results();
     if arguments.json {
@@ -95,6 +102,7 @@ impl Info {
             ("encoders", stamps(|record| matches!(record, Record::Encoders(_)))),
             ("IMU", stamps(|record| matches!(record, Record::Imu(_)))),
             ("odometry", stamps(|record| matches!(record, Record::Odometry(_)))),
+            ("odometry of scans", stamps(|record| matches!(record, Record::Scan(scan) if scan.odometry.is_some()))),
         ];
         if let Some(images) = &data_set.images {
             streams.push(("disparity images", images.disparity.iter().map(|image| image.stamp_s).collect()));

@@ -13,6 +13,7 @@ pub(crate) struct Interrupt(Arc<State>);
 struct State {
     requested: AtomicBool,
     unfinished: OnceLock<PathBuf>,
+    is_finishing: AtomicBool,
 }
 
 impl Interrupt {
@@ -31,8 +32,16 @@ impl Interrupt {
         let _ = self.0.unfinished.set(unfinished.to_path_buf());
     }
 
+    /// From now on the results are moved into place, which is not interrupted.
+    pub(crate) fn is_finishing(&self) {
+        self.0.is_finishing.store(true, Ordering::SeqCst);
+    }
+
     /// Asks for an orderly end; the second time ends the program.
     pub(crate) fn request(&self) {
+        if self.0.is_finishing.load(Ordering::SeqCst) {
+            return;
+        }
         if self.0.requested.swap(true, Ordering::Relaxed) {
             if let Some(folder) = self.0.unfinished.get() {
                 let _ = fs::remove_dir_all(folder);

@@ -36,7 +36,8 @@ use terminal::Terminal;
 struct Arguments {
     #[command(subcommand)]
     command: Command,
-    /// Say nothing but errors and what was asked for.
+    /// Say nothing but warnings and errors: results are where they were asked for, or printed by commands that
+    /// do nothing but show them.
     #[arg(long, short, global = true)]
     quiet: bool,
 }
@@ -64,8 +65,7 @@ enum Command {
     #[command(hide = true)]
     BenchDrive(Box<bench::DriveArguments>),
     Completions(shell::Completions),
-    /// Print the manual page.
-    Man,
+    Man(shell::Manual),
 }
 
 impl Command {
@@ -83,7 +83,7 @@ impl Command {
             Self::Bench(arguments) => bench::execute(arguments, terminal),
             Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),
             Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),
-            Self::Man => shell::man(Arguments::command(), terminal),
+            Self::Man(arguments) => shell::man(arguments, Arguments::command(), terminal),
         }
     }
 }

@@ -18,15 +18,19 @@ use floorprint::Config;
 use floorprint::evaluation::WallSharpness;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::OdometrySource;
-use floorprint_io::DataSet;
+use floorprint_io::{Contents, DataSet};
 use serde::Serialize;
 use std::path::Path;
 
-/// Everything about a run. All but `cost` is the same for any number of threads.
+/// Everything about a run. All but `cost` and `made` is the same for any number of threads.
 #[derive(Debug, Serialize)]
 pub(crate) struct Report {
+    /// What the file is: by it a later run knows that it may replace the folder.
+    pub(crate) what: &'static str,
     /// Version of the program.
     pub(crate) version: &'static str,
+    /// When and how it was made.
+    pub(crate) made: Made,
     /// What was read.
     pub(crate) input: Input,
     /// Preset that the configuration started from.
@@ -60,6 +64,30 @@ pub(crate) struct Report {
     pub(crate) notes: Vec<String>,
     /// Time and memory.
     pub(crate) cost: Cost,
+}
+
+/// When and how a report was made.
+#[derive(Debug, Serialize)]
+pub(crate) struct Made {
+    /// Date, UTC, as 2026-01-31.
+    pub(crate) date: String,
+    /// The command, as a shell takes it.
+    pub(crate) command: String,
+}
+
+impl Made {
+    /// Now, by this process.
+    fn now() -> Self {
+        let is_plain = |word: &str| {
+            !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c))
+        };
+        let quoted = |word: String| {
+            if is_plain(&word) { word } else { format!("'{}'", word.replace('\'', r"'\''")) }
+        };
+        let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
+        let command = std::iter::once("floorprint".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
+        Self { date: crate::bench::today(), command }
+    }
 }
 
 /// What was read.
@@ -190,6 +218,8 @@ impl Report {
         let images = data_set.images.as_ref().map_or(0, |images| images.disparity.len() + images.color.len());
         let readings = data_set.records.len() + images + data_set.dropped.total();
         Self {
+            made: Made::now(),
+            what: Contents::Run.what(),
             version: env!("CARGO_PKG_VERSION"),
             input: Input {
                 path: path.display().to_string(),

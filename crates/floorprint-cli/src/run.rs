@@ -19,7 +19,7 @@ use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::simulator::Arrival;
 use floorprint::{Phase, Profiler};
-use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, open};
+use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, USUAL_EXPANSION, free_beside, open};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -41,7 +41,7 @@ pub(crate) struct Arguments {
     /// be where the session ended if the drive begins within seconds of it.
     #[arg(long, value_name = "WHERE", requires = "earlier", default_value = "auto")]
     start: Start,
-    /// Folder of the results [default: runs/NAME-PRESET, after the data set].
+    /// Folder of the results [default: runs/NAME-PRESET after the data set, with a number where that exists].
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
     /// Replace the folder if it exists.
@@ -65,9 +65,18 @@ pub(crate) struct Work {
     /// changed is drawn anew.
     #[arg(long, value_name = "SECONDS", value_parser = number(0.001, 1e9))]
     snapshots: Option<f64>,
+    /// How many times its size a file of the data set may take in memory, besides 256 MB: what unpacks to more
+    /// is refused [default: 64].
+    #[arg(long, value_name = "TIMES", value_parser = number(0.0, 1e9))]
+    max_expansion: Option<f64>,
 }
 
 impl Work {
+    /// How a data set is opened.
+    pub(crate) fn open_options(&self, drive: Option<u32>) -> OpenOptions {
+        OpenOptions { drive, max_expansion: self.max_expansion.unwrap_or(USUAL_EXPANSION) }
+    }
+
     /// The threads that share the work.
     ///
     /// # Errors
@@ -102,7 +111,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let out = arguments.out.clone().unwrap_or_else(|| {
         let name = run_folder::data_set_name(&arguments.path);
         let drive = arguments.drive.map_or(String::new(), |drive| format!("-{drive}"));
-        Path::new("runs").join(format!("{name}{drive}-{}", arguments.settings.preset.name()))
+        let plain = Path::new("runs").join(format!("{name}{drive}-{}", arguments.settings.preset.name()));
+        // The same drive with other settings, or once more: each run has a folder of its own.
+        if plain.exists() && !arguments.force { free_beside(&plain) } else { plain }
     });
     execute_arriving(arguments, &out, None, terminal)
 }
@@ -124,8 +135,10 @@ pub(crate) fn execute_arriving(
         force: arguments.force,
         earlier: arguments.earlier.as_deref().map(|path| (path, arguments.start)),
     };
-    let Some(report) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
-    summary::print(&mut terminal.results(), &report, out)?;
+    let Some((report, out)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
+    if !terminal.is_quiet() {
+        summary::print(&mut terminal.results(), &report, &out)?;
+    }
     if report.partial {
         terminal.warn("stopped before its end: the results are partial");
         return Ok(Outcome::Interrupted);
@@ -142,18 +155,24 @@ pub(crate) fn execute_arriving(
 }
 
 impl Task<'_> {
-    /// Solves the drive on its own pool of threads and writes the folder; `None`, and no folder, when the
-    /// user stopped it before there was anything to write.
-    pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Option<Report>> {
+    /// Solves the drive on its own pool of threads and writes the folder; gives the report and where it is.
+    /// `None`, and no folder, when the user stopped it before there was anything to write.
+    pub(crate) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Option<(Report, PathBuf)>> {
         let interrupt = Interrupt::listen();
         self.work.pool()?.install(|| self.solve_and_write(terminal, &interrupt))
     }
 
-    fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Option<Report>> {
+    fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Option<(Report, PathBuf)>> {
         let mut stopwatch = Stopwatch::start(Phase::Read);
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
-        let mut data_set = open(self.path, &OpenOptions { drive: self.drive })?;
+        for note in folder.notes() {
+            terminal.warn(note);
+        }
+        let reading = terminal.busy("reading");
+        let data_set = open(self.path, &self.work.open_options(self.drive));
+        reading.finish_and_clear();
+        let mut data_set = data_set?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
         for note in &data_set.notes {
             terminal.note(note);
@@ -187,9 +206,16 @@ impl Task<'_> {
             return Ok(None);
         }
 
+        let _writing = terminal.busy("writing");
         stopwatch.enter(Phase::Evaluate);
         let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
         let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
+        if map.resolution_m > config.map.resolution_m {
+            report.notes.push(format!(
+                "what was seen lies so far apart that the map is drawn in cells of {} m instead of {} m",
+                map.resolution_m, config.map.resolution_m
+            ));
+        }
         report.errors = TruthFiles::beside(self.path).errors(&solution, &map, &config, &mut report.notes)?;
         stopwatch.enter(Phase::Write);
         if let Some(snapshots) = &snapshots {
@@ -201,8 +227,14 @@ impl Task<'_> {
             let layers = Layers { session: &solution.session, map: &map, floor };
             keeper.finish(&layers, &config.matcher, &folder.path().join("session.gpkg"))?;
         }
-        folder.finish()?;
-        Ok(Some(report))
+        interrupt.is_finishing();
+        let out =
+            if report.partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };
+        if out != *self.out && report.partial {
+            let (earlier, kept) = (self.out.display(), out.display());
+            terminal.warn(&format!("{earlier} holds the complete results of an earlier run: these lie in {kept}"));
+        }
+        Ok(Some((report, out)))
     }
 }
 

@@ -1,11 +1,12 @@
 //! The content of a run folder.
 
-use crate::figure::Figure;
+use crate::figure::{DEAD_RECKONING, Figure, TRAJECTORY};
 use crate::report::{Exhibits, Report, page};
 use crate::solve::Solution;
 use crate::stopwatch::Stopwatch;
 use floorprint::Config;
 use floorprint::map::{Occupancy, Raster};
+use floorprint::sensors::StampedPose;
 use floorprint_io::{write_file, write_floor, write_g2o, write_map, write_png, write_trajectory};
 use std::fs;
 use std::path::Path;
@@ -29,6 +30,7 @@ pub(crate) fn write(
     }
     write_map(&folder.join("map.yaml"), map)?;
     write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?;
+    write_png(&folder.join("trajectories.png"), &with_trajectories(map, solution).into_picture())?;
     write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?;
     let mut floor_png = None;
     if let Some(floor) = &solution.floor {
@@ -37,10 +39,21 @@ pub(crate) fn write(
         floor_png = Some(fs::read(folder.join("texture.png"))?);
     }
     report.take_cost(stopwatch);
-    write_file(&folder.join("report.json"), (serde_json::to_string_pretty(report)? + "\n").as_bytes())?;
     let exhibits = Exhibits { solution, map, floor_png: floor_png.as_deref(), config };
     write_file(&folder.join("report.html"), page(report, &exhibits)?.as_bytes())?;
+    // Last: a folder with it is complete.
+    write_file(&folder.join("report.json"), (serde_json::to_string_pretty(report)? + "\n").as_bytes())?;
     Ok(())
+}
+
+/// The map with dead reckoning and the trajectory.
+fn with_trajectories(map: &Raster<Occupancy>, solution: &Solution) -> Figure {
+    let mut figure = Figure::of_map(map);
+    let points =
+        |poses: &[StampedPose]| poses.iter().map(|stamped| [stamped.pose.x, stamped.pose.y]).collect::<Vec<_>>();
+    figure.draw_line(points(&solution.odometry).into_iter(), DEAD_RECKONING, 1.5);
+    figure.draw_line(points(&solution.trajectory).into_iter(), TRAJECTORY, 2.0);
+    figure
 }
 
 /// What a data set is called: its file name without endings.

@@ -5,16 +5,16 @@ use crate::terminal::Terminal;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
-use floorprint_io::write_ece276a;
-use std::fs;
+use floorprint_io::{read_text, write_ece276a};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Simulate a drive with exact truth, in the file layout of the course ECE276A.
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// Folder to make.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "schema")]
+    out: Option<PathBuf>,
     /// World to drive through.
     #[arg(long, value_name = "NAME", default_value = "rooms", value_parser = PossibleValuesParser::new(World::names()))]
     world: String,
@@ -30,17 +30,25 @@ pub(crate) struct Arguments {
     /// Replace an earlier simulation.
     #[arg(long)]
     force: bool,
+    /// Print the JSON schema of the file of settings and faults instead.
+    #[arg(long)]
+    schema: bool,
 }
 
 /// Runs `floorprint simulate`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    let Some(out) = arguments.out.as_deref().filter(|_| !arguments.schema) else {
+        let schema = serde_json::to_string_pretty(&schemars::schema_for!(SimulationConfig))?;
+        writeln!(terminal.results(), "{schema}")?;
+        return Ok(Outcome::Fine);
+    };
     let config = match &arguments.config {
         None => SimulationConfig::default(),
         Some(path) => {
             let unusable = |what: &str| {
                 BadArguments(format!("cannot use the simulation's settings in {}: {what}", path.display()))
             };
-            let text = fs::read_to_string(path).map_err(|error| unusable(&error.to_string()))?;
+            let text = read_text(path).map_err(|error| unusable(&error.to_string()))?;
             toml::from_str(&text).map_err(|error| {
                 let before = text.get(..error.span().map_or(0, |span| span.start)).unwrap_or_default();
                 let line = 1 + before.matches('\n').count();
@@ -49,8 +57,8 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         }
     };
     let drive = simulate(World::named(&arguments.world, arguments.seed)?, config, arguments.seed)?;
-    write(&drive, &arguments.out, arguments.drive, arguments.force, terminal)?;
-    let (world, out) = (&arguments.world, arguments.out.display());
+    write(&drive, out, arguments.drive, arguments.force, terminal)?;
+    let (world, out) = (&arguments.world, out.display());
     terminal
         .say(&format!("{:.0} s through \"{world}\" written; solve it with: floorprint run {out}", drive.duration_s()));
     Ok(Outcome::Fine)
@@ -75,4 +83,20 @@ pub(crate) fn write(
     write_ece276a(out, drive, number, replace, &mut show)?;
     progress.finish_and_clear();
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_settings_and_faults_in_the_documentation_are_what_is_read() {
+        let page = include_str!("../../../docs/simulation.md");
+        let blocks: Vec<&str> = page.split("```toml\n").skip(1).filter_map(|block| block.split("```").next()).collect();
+        let config: SimulationConfig = toml::from_str(&blocks.concat()).unwrap();
+        config.validate().unwrap();
+        let kinds = schemars::schema_for!(SimulationConfig);
+        let kinds = kinds.pointer("/$defs/Fault/oneOf").and_then(|kinds| kinds.as_array()).unwrap();
+        assert_eq!(config.faults.len(), kinds.len(), "every kind of fault is shown");
+    }
 }

@@ -1,12 +1,15 @@
 //! What a run ends with on the terminal: a short table and where to look.
 
 use crate::report::Report;
-use crate::terminal::HEADING;
+use crate::terminal::{HEADING, width, wrapped};
 use std::io::{self, Write};
 use std::path::Path;
 
 /// Odometry that reads longer or shorter by this share is told.
 const WORTH_TELLING: f64 = 0.01;
+
+/// Columns for the names of lines.
+const NAME: usize = 12;
 
 /// A number of things, in words.
 pub(crate) fn counted(count: usize, thing: &str) -> String {
@@ -16,7 +19,9 @@ pub(crate) fn counted(count: usize, thing: &str) -> String {
 /// Prints the summary of a run whose results lie in `folder`.
 pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io::Result<()> {
     let drive = &report.drive;
-    let mut line = |name: &str, text: String| writeln!(out, "{HEADING}{name:<12}{HEADING:#}{text}");
+    let width = width().unwrap_or(usize::MAX);
+    let mut line =
+        |name: &str, text: String| writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", wrapped(&text, NAME, width));
     line(
         "drive",
         format!(

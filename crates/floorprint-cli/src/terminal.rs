@@ -7,8 +7,10 @@ use anstyle::{AnsiColor, Style};
 use floorprint::config::ConfigError;
 use floorprint::odometry::OdometryError;
 use floorprint::simulator::SimulationError;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use std::fmt;
 use std::io::{self, Write};
+use std::time::Duration;
 
 const ERROR: Style = AnsiColor::Red.on_default().bold();
 const WARNING: Style = AnsiColor::Yellow.on_default().bold();
@@ -26,6 +28,11 @@ impl Terminal {
     /// A terminal that shows only errors and results when `quiet`.
     pub(crate) fn new(quiet: bool) -> Self {
         Self { quiet }
+    }
+
+    /// Whether nothing is to be said but warnings, errors and what was asked for.
+    pub(crate) fn is_quiet(&self) -> bool {
+        self.quiet
     }
 
     /// Where results go. Colours are taken out where they cannot be shown.
@@ -72,15 +79,82 @@ impl Terminal {
     pub(crate) fn progress(&self, task: &'static str, unit: &str, length: usize) -> ProgressBar {
         let target = if self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr_with_hz(10) };
         let template =
-            format!("{{msg:>12.bold}} {{wide_bar:.cyan/dim}} {{pos}}/{{len}} {unit} · {{per_sec}} · {{eta}} left");
+            format!("{{msg:>12.bold}} {{wide_bar:.cyan/dim}} {{pos}}/{{len}} {unit} · {{speed}} · {{eta}} left");
         let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let speed = |state: &ProgressState, out: &mut dyn fmt::Write| _ = write!(out, "{}", in_words(state.per_sec()));
+        let style = style.with_key("speed", speed);
         ProgressBar::with_draw_target(Some(length as u64), target)
             .with_style(style.progress_chars("━━╌"))
             .with_message(task)
     }
 }
 
+impl Terminal {
+    /// Shows that a task without steps goes on; silent when stderr is no terminal.
+    pub(crate) fn busy(&self, task: &'static str) -> ProgressBar {
+        let bar = self.progress(task, "", 0);
+        bar.set_style(
+            ProgressStyle::with_template("{msg:>12.bold} {spinner} {elapsed}")
+                .unwrap_or_else(|_| ProgressStyle::default_spinner()),
+        );
+        bar.enable_steady_tick(Duration::from_millis(100));
+        bar
+    }
+}
+
+/// How many a second, with as many digits as can be read.
+fn in_words(per_second: f64) -> String {
+    let digits = if per_second < 10.0 { 1 } else { 0 };
+    format!("{per_second:.digits$}/s")
+}
+
+/// Columns of the terminal that results go to; `None` where they go elsewhere.
+pub(crate) fn width() -> Option<usize> {
+    terminal_size::terminal_size_of(io::stdout()).map(|(width, _)| usize::from(width.0))
+}
+
+/// The text in lines of at most `width` columns, broken between words; all but the first begin with `indent`
+/// blanks, for which the first has room to spare. A longer word has a line of its own.
+pub(crate) fn wrapped(text: &str, indent: usize, width: usize) -> String {
+    let mut lines = String::new();
+    let mut column = indent;
+    for word in text.split(' ') {
+        let length = word.chars().count();
+        if column > indent && column + 1 + length > width {
+            lines.push('\n');
+            lines.push_str(&" ".repeat(indent));
+            column = indent;
+        } else if column > indent {
+            lines.push(' ');
+            column += 1;
+        }
+        lines.push_str(word);
+        column += length;
+    }
+    lines
+}
+
 /// Writes a line to stderr. Where even that is impossible, nobody is left to be told.
 fn report(text: &str) {
     let _ = writeln!(anstream::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_broken_between_words_only() {
+        assert_eq!(
+            wrapped("RMSE 0.0123 m, 0.123° (largest 0.1 m)", 4, 20),
+            "RMSE 0.0123 m,\n    0.123° (largest\n    0.1 m)"
+        );
+        assert_eq!(wrapped("a/very/long/path/that/has/no/blank b", 2, 10), "a/very/long/path/that/has/no/blank\n  b");
+        assert_eq!(wrapped("", 2, 10), "");
+    }
+
+    #[test]
+    fn speeds_can_be_read() {
+        assert_eq!([561.8812, 3.14159, 0.0].map(in_words), ["562/s", "3.1/s", "0.0/s"]);
+    }
 }

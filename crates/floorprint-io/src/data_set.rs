@@ -1,5 +1,6 @@
 //! A recorded drive: the records of its sensors with the calibration of the robot.
 
+use crate::budget::USUAL_EXPANSION;
 use crate::error::{Problem, ReadError};
 use crate::format::{self, Format};
 use crate::images::ImageIndex;
@@ -10,10 +11,19 @@ use std::fmt;
 use std::path::Path;
 
 /// What the user may choose when a data set is opened.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct OpenOptions {
     /// Number of the drive, for folders that hold several.
     pub drive: Option<u32>,
+    /// How many times its size on disk a file may take in memory, besides 256 MB that any may take: a file
+    /// that unpacks to more is refused.
+    pub max_expansion: f64,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { drive: None, max_expansion: USUAL_EXPANSION }
+    }
 }
 
 /// A recorded drive.

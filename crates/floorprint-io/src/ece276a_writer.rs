@@ -165,7 +165,7 @@ fn floor_resolution_m(drive: &SimulatedDrive) -> f64 {
 
 fn write_description(path: &Path, drive: &SimulatedDrive) -> Result<(), WriteError> {
     let description = Description {
-        what: "a simulated drive in the layout of ECE276A, with its truth",
+        what: Contents::Simulation.what(),
         version: env!("CARGO_PKG_VERSION"),
         world: drive.world().name(),
         seed: drive.seed(),

@@ -4,11 +4,11 @@
 
 use crate::error::{Problem, ReadError, WriteError};
 use crate::picture::{Picture, Pixels, read_png, write_png};
+use crate::regular_file::read_regular;
 use crate::replace::write_file;
 use floorprint::evaluation::FloorImage;
 use floorprint::map::Raster;
 use serde::{Deserialize, Serialize};
-use std::fs;
 use std::path::Path;
 
 /// In opaque pictures this colour means that there is no floor.
@@ -51,7 +51,7 @@ pub fn write_floor(path: &Path, floor: &FloorImage) -> Result<(), WriteError> {
 /// When a file cannot be read or does not hold what it should.
 pub fn read_floor(path: &Path) -> Result<FloorImage, ReadError> {
     let path = path.with_extension("json");
-    let text = fs::read(&path).map_err(|error| ReadError::io(&path, &error))?;
+    let text = read_regular(&path)?;
     let description: Description = serde_json::from_slice(&text).map_err(|error| {
         Problem::new(&path, error.to_string()).expected("the image, resolution and origin of a floor's picture")
     })?;

@@ -3,12 +3,12 @@
 
 use crate::error::{Problem, ReadError, WriteError, quoted};
 use crate::number::{Tokens, parse_count};
+use crate::regular_file::read_regular;
 use crate::replace::write_file;
 use floorprint::geometry::Pose2;
 use floorprint::pose_graph::{BetweenFactor, PoseGraph, PoseGraphError, PriorFactor, RobustKernel};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
-use std::fs;
 use std::path::Path;
 
 /// Information of the prior that stands for a `FIX` line: a tenth of a millimetre and of a milliradian.
@@ -38,8 +38,13 @@ impl From<PoseGraph> for G2o {
 /// the information, and relative measurements with weight 0 are left out.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// When the file cannot be written, or a vertex lies so far away that it could not be read again.
 pub fn write_g2o(path: &Path, graph: &G2o) -> Result<(), WriteError> {
+    let far = graph.graph.poses().iter().zip(&graph.ids).find(|(pose, _)| !is_near(pose));
+    if let Some((pose, id)) = far {
+        let found = format!("vertex {id} at ({:e}, {:e})", pose.x, pose.y);
+        return Err(Problem::new(path, found).expected("vertices within 1e30 of the origin").into());
+    }
     write_file(path, format_g2o(graph).as_bytes())
 }
 
@@ -88,7 +93,7 @@ fn format_g2o(G2o { graph, ids, fixed }: &G2o) -> String {
 /// When the file cannot be read, holds no vertex, a line is of another kind or does not hold what
 /// its kind holds, a vertex comes twice, or an edge names a vertex that is not there.
 pub fn read_g2o(path: &Path) -> Result<G2o, ReadError> {
-    let text = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
+    let text = read_regular(path)?;
     parse_g2o(path, &text)
 }
 
@@ -270,6 +275,19 @@ EDGE_SE2 11 10 1.03 0 2.0943951 500 0 0 500 0 500
         let read = parse(&format_g2o(&file)).unwrap().graph;
         assert_eq!(read.between_factors().len(), 2);
         assert_eq!(read.between_factors()[0].information[(0, 0)], 250.0);
+    }
+
+    #[test]
+    fn what_could_not_be_read_again_is_not_written() {
+        let chain = "VERTEX_SE2 6 1e30 0 0\nVERTEX_SE2 7 1e30 0 0\nFIX 6\nEDGE_SE2 6 7 1e30 0 0 1 0 0 1 0 1\n";
+        let mut file = parse(chain).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("solved.g2o");
+        write_g2o(&path, &file).unwrap();
+        Optimizer::default().optimize(&mut file.graph).unwrap();
+        let error = write_g2o(&path, &file).unwrap_err().to_string();
+        assert!(error.contains("vertex 7 at (2e30"), "{error}");
+        assert!(read_g2o(&path).is_ok());
     }
 
     #[test]

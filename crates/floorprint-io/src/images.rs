@@ -5,6 +5,9 @@ use crate::picture;
 use floorprint::sensors::{ColorImage, DisparityImage};
 use std::path::PathBuf;
 
+/// What any image of a camera may take in memory, bytes: 20 megapixels in colour.
+const IMAGE_BYTES: f64 = 64e6;
+
 /// Where the images of a drive lie and when they were taken.
 ///
 /// Colour and disparity were not taken at the same moments: pair them by time.
@@ -23,6 +26,8 @@ pub struct ImageEntry {
     pub stamp_s: f64,
     /// Where it lies.
     pub path: PathBuf,
+    /// How many times its size on disk it may take in memory, besides 64 MB.
+    pub max_expansion: f64,
 }
 
 impl ImageEntry {
@@ -31,7 +36,7 @@ impl ImageEntry {
     /// # Errors
     /// When the file is missing, damaged, or a picture of another kind.
     pub fn load_disparity(&self) -> Result<DisparityImage, ReadError> {
-        let image = picture::read_png(&self.path)?;
+        let image = picture::read_png_within(&self.path, IMAGE_BYTES, self.max_expansion)?;
         let picture::Pixels::Gray16(disparity) = image.pixels else {
             return Err(Problem::new(&self.path, format!("a picture of {}", image.pixels.kind()))
                 .expected("a disparity image: one channel of 16 bits")
@@ -45,7 +50,7 @@ impl ImageEntry {
     /// # Errors
     /// When the file is missing, damaged, or a picture of another kind.
     pub fn load_color(&self) -> Result<ColorImage, ReadError> {
-        let image = picture::read_png(&self.path)?;
+        let image = picture::read_png_within(&self.path, IMAGE_BYTES, self.max_expansion)?;
         let rgb = match image.pixels {
             picture::Pixels::Rgb8(rgb) => rgb,
             picture::Pixels::Gray8(gray) => gray.into_iter().map(|value| [value; 3]).collect(),

@@ -1,9 +1,11 @@
 //! Readers and writers: everything of Floorprint that touches files.
 
+mod budget;
 pub mod calibration;
 mod data_set;
 mod ece276a_writer;
 mod error;
+mod exchange;
 mod floor_file;
 mod format;
 mod g2o;
@@ -16,6 +18,7 @@ mod npz_writer;
 mod number;
 mod pgm;
 mod picture;
+mod regular_file;
 mod relations;
 mod replace;
 mod run_folder;
@@ -24,6 +27,7 @@ mod source;
 mod stamps;
 mod trajectory;
 
+pub use budget::USUAL_EXPANSION;
 pub use data_set::{DataSet, DropCounts, DropReason, OpenOptions, open};
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
@@ -33,8 +37,9 @@ pub use g2o::{G2o, read_g2o, write_g2o};
 pub use images::{ImageEntry, ImageIndex};
 pub use map_file::{read_map, write_map};
 pub use picture::{Picture, Pixels, read_png, write_animated_png, write_png};
+pub use regular_file::read_text;
 pub use relations::read_relations;
-pub use replace::write_file;
-pub use run_folder::{Contents, RunFolder};
+pub use replace::{write_file, write_files};
+pub use run_folder::{Contents, RunFolder, free_beside};
 pub use session_file::{Layers, SessionFile};
 pub use trajectory::{read_trajectory, write_trajectory};

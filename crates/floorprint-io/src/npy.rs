@@ -2,6 +2,7 @@
 //!
 //! Source: numpy.lib.format, "NPY format".
 
+use crate::budget::Budget;
 use std::io::{self, Read};
 
 /// Longest header that is accepted, bytes; NumPy's own stay below a kilobyte.
@@ -40,22 +41,28 @@ impl Number for f64 {
 
 /// Why bytes are not an array of numbers.
 #[derive(Debug)]
-pub(crate) struct NpyError {
-    /// What was found.
-    pub(crate) found: String,
-    /// What was expected instead.
-    pub(crate) expected: &'static str,
+pub(crate) enum NpyError {
+    /// Its numbers take more memory than they may.
+    TooLarge,
+    /// It is not what it should be.
+    Other {
+        /// What was found.
+        found: String,
+        /// What was expected instead.
+        expected: &'static str,
+    },
 }
 
 impl NpyError {
     fn new(found: impl Into<String>, expected: &'static str) -> Self {
-        Self { found: found.into(), expected }
+        Self::Other { found: found.into(), expected }
     }
 }
 
 impl<T: Number> Array<T> {
-    /// Decodes an array. Memory grows with the bytes that really come, not with what the header says.
-    pub(crate) fn read(mut reader: impl Read) -> Result<Self, NpyError> {
+    /// Decodes an array. Memory grows with the bytes that really come, not with what the header says; it is
+    /// taken from `budget`. Numbers that are missing at the end are not numbers if it `may_break_off`.
+    pub(crate) fn read(mut reader: impl Read, budget: &mut Budget, may_break_off: bool) -> Result<Self, NpyError> {
         let header = Header::read(&mut reader)?;
         let count = header
             .shape
@@ -67,7 +74,18 @@ impl<T: Number> Array<T> {
         let mut chunk = [0_u8; CHUNK];
         let per_chunk = CHUNK / header.element.size;
         while values.len() < count {
-            let bytes = &mut chunk[..per_chunk.min(count - values.len()) * header.element.size];
+            let numbers = per_chunk.min(count - values.len());
+            budget.take::<T>(numbers).ok_or(NpyError::TooLarge)?;
+            let bytes = &mut chunk[..numbers * header.element.size];
+            if may_break_off {
+                let came = read_as_far_as_it_goes(&mut reader, bytes);
+                header.element.decode(&mut bytes[..came - came % header.element.size], &mut values);
+                if came < bytes.len() {
+                    budget.take::<T>(count - values.len()).ok_or(NpyError::TooLarge)?;
+                    values.resize(count, T::from_f64(f64::NAN));
+                }
+                continue;
+            }
             reader.read_exact(bytes).map_err(|error| {
                 let found = match error.kind() {
                     io::ErrorKind::UnexpectedEof => {
@@ -78,6 +96,9 @@ impl<T: Number> Array<T> {
                 NpyError::new(found, "as many numbers as the array's shape says")
             })?;
             header.element.decode(bytes, &mut values);
+        }
+        if may_break_off {
+            return Ok(Self { shape: header.shape, fortran_order: header.fortran_order, values });
         }
         // Reading to the end also lets an archive check its sum.
         match reader.read(&mut chunk[..1]) {
@@ -123,6 +144,15 @@ impl<T: Number> Array<T> {
         }
         Some(result)
     }
+}
+
+/// Fills `bytes` from a reader that may end or fail before that; says how many came.
+fn read_as_far_as_it_goes(reader: &mut impl Read, bytes: &mut [u8]) -> usize {
+    let mut came = 0;
+    while let Ok(more @ 1..) = reader.read(&mut bytes[came..]) {
+        came += more;
+    }
+    came
 }
 
 /// What precedes an array's numbers.
@@ -255,6 +285,7 @@ fn half_precision(bits: u16) -> f64 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::budget::USUAL_EXPANSION;
     use proptest::prelude::*;
 
     /// The bytes of a `.npy` file.
@@ -268,9 +299,13 @@ pub(crate) mod tests {
         bytes
     }
 
+    fn read<T: Number>(bytes: &[u8]) -> Result<Array<T>, NpyError> {
+        Array::read(bytes, &mut Budget::new(bytes.len(), USUAL_EXPANSION), false)
+    }
+
     fn values(code: &str, data: &[u8]) -> Vec<f64> {
         let count = data.len() / code[2..].parse::<usize>().unwrap();
-        Array::<f64>::read(&npy(code, false, &format!("({count},)"), data)[..]).unwrap().into_vector().unwrap()
+        read::<f64>(&npy(code, false, &format!("({count},)"), data)).unwrap().into_vector().unwrap()
     }
 
     #[test]
@@ -295,7 +330,7 @@ pub(crate) mod tests {
     #[test]
     fn single_numbers_may_have_any_shape() {
         for shape in ["()", "(1,)", "(1, 1)"] {
-            let array = Array::<f64>::read(&npy("<f8", false, shape, &2.5_f64.to_le_bytes())[..]).unwrap();
+            let array = read::<f64>(&npy("<f8", false, shape, &2.5_f64.to_le_bytes())).unwrap();
             assert_eq!(array.scalar(), Some(2.5), "{shape}");
         }
     }
@@ -305,27 +340,37 @@ pub(crate) mod tests {
         let (rows, columns) = (37_u8, 5_u8);
         let by_rows: Vec<u8> = (0..rows).flat_map(|r| (0..columns).map(move |c| r * columns + c)).collect();
         let by_columns: Vec<u8> = (0..columns).flat_map(|c| (0..rows).map(move |r| r * columns + c)).collect();
-        let read = |fortran, data: &[u8]| {
-            Array::<f32>::read(&npy("|u1", fortran, "(37, 5)", data)[..]).unwrap().into_columns().unwrap()
-        };
-        let result = read(false, &by_rows);
-        assert_eq!(result, read(true, &by_columns));
+        let columns_of =
+            |fortran, data: &[u8]| read::<f32>(&npy("|u1", fortran, "(37, 5)", data)).unwrap().into_columns().unwrap();
+        let result = columns_of(false, &by_rows);
+        assert_eq!(result, columns_of(true, &by_columns));
         assert_eq!((result.len(), result[3].len(), result[3][2]), (5, 37, 13.0));
     }
 
     #[test]
     fn a_shape_that_lies_costs_no_memory() {
         for shape in ["(1000000000000,)", "(99999999999, 99999999999)", "(1152921504606846976, 2)"] {
-            assert!(Array::<f64>::read(&npy("<f8", false, shape, &[0; 64])[..]).is_err());
+            assert!(read::<f64>(&npy("<f8", false, shape, &[0; 64])).is_err());
         }
     }
 
     #[test]
     fn what_is_no_array_of_numbers_is_refused() {
         for code in ["|O", "<U3", "<c16", "<f16", "", "x", "<f", "é8"] {
-            assert!(Array::<f64>::read(&npy(code, false, "(1,)", &[0; 16])[..]).is_err(), "{code}");
+            assert!(read::<f64>(&npy(code, false, "(1,)", &[0; 16])).is_err(), "{code}");
         }
-        assert!(Array::<f64>::read(&b"PK"[..]).is_err());
+        assert!(read::<f64>(b"PK").is_err());
+    }
+
+    #[test]
+    fn an_array_that_breaks_off_is_filled_up() {
+        let bytes = npy("<i2", true, "(2, 3)", &[1, 0, 2, 0, 3, 0, 4]);
+        let budget = &mut Budget::new(bytes.len(), USUAL_EXPANSION);
+        let columns = Array::<f32>::read(&bytes[..], budget, true).unwrap().into_columns().unwrap();
+        assert_eq!((columns[0][..].to_vec(), columns[1][0]), (vec![1.0, 2.0], 3.0));
+        assert!(columns[1][1].is_nan() && columns[2].iter().all(|value| value.is_nan()));
+        let huge = npy("<i2", false, "(1152921504606846976,)", &[1; 64]);
+        assert!(matches!(Array::<f32>::read(&huge[..], budget, true), Err(NpyError::TooLarge)));
     }
 
     proptest! {
@@ -337,7 +382,7 @@ pub(crate) mod tests {
             let position = position % bytes.len();
             bytes[position] = byte;
             bytes.truncate(bytes.len().saturating_sub(cut % 3 * cut));
-            if let Ok(array) = Array::<f32>::read(&bytes[..]) {
+            if let Ok(array) = read::<f32>(&bytes) {
                 let _ = array.scalar();
                 let _ = if columns { array.into_columns().is_some() } else { array.into_vector().is_some() };
             }

@@ -1,14 +1,15 @@
 //! Pictures and animated pictures as PNG files.
 
+use crate::budget::USUAL_EXPANSION;
 use crate::error::{Problem, ReadError, WriteError};
+use crate::regular_file::read_regular;
 use crate::replace::replace_file;
 use png::{BitDepth, ColorType, Transformations};
-use std::fs;
 use std::io::{self, Cursor, Write};
 use std::path::Path;
 
-/// Most bytes that a deflated byte can stand for.
-const LARGEST_DEFLATE_RATIO: usize = 1032;
+/// What any picture that the user names may take in memory, bytes: a floor or a map of some hundred megapixels.
+const PICTURE_BYTES: f64 = 512e6;
 
 /// A picture, row by row from the top left.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -79,19 +80,29 @@ impl Pixels {
 /// # Errors
 /// When the file cannot be read or is no whole PNG picture.
 pub fn read_png(path: &Path) -> Result<Picture, ReadError> {
-    let bytes = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
-    decode_png(&bytes).map_err(|found| Problem::new(path, found).expected("a whole PNG picture").into())
+    read_png_within(path, PICTURE_BYTES, USUAL_EXPANSION)
+}
+
+/// Reads a PNG file that takes at most `free_bytes` and `max_expansion` times its size in memory.
+pub(crate) fn read_png_within(path: &Path, free_bytes: f64, max_expansion: f64) -> Result<Picture, ReadError> {
+    let bytes = read_regular(path)?;
+    decode_within(&bytes, free_bytes, max_expansion)
+        .map_err(|found| Problem::new(path, found).expected("a whole PNG picture").into())
 }
 
 /// Decodes a PNG file's bytes; the error says what was found instead.
 pub(crate) fn decode_png(bytes: &[u8]) -> Result<Picture, String> {
+    decode_within(bytes, PICTURE_BYTES, USUAL_EXPANSION)
+}
+
+fn decode_within(bytes: &[u8], free_bytes: f64, max_expansion: f64) -> Result<Picture, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(|error| error.to_string())?;
     let (width, height) = (reader.info().width as usize, reader.info().height as usize);
     let size = reader
         .output_buffer_size()
-        .filter(|size| size / LARGEST_DEFLATE_RATIO <= bytes.len())
+        .filter(|&size| size as f64 <= free_bytes + max_expansion * bytes.len() as f64)
         .ok_or_else(|| format!("{width}×{height} pixels announced in {} bytes", bytes.len()))?;
     let mut buffer = vec![0; size];
     let info = reader.next_frame(&mut buffer).map_err(|error| error.to_string())?;
@@ -101,7 +112,7 @@ pub(crate) fn decode_png(bytes: &[u8]) -> Result<Picture, String> {
             Pixels::Gray16(buffer.as_chunks().0.iter().map(|&pair| u16::from_be_bytes(pair)).collect())
         }
         (ColorType::GrayscaleAlpha, BitDepth::Eight) => {
-            Pixels::Gray8(buffer.as_chunks().0.iter().map(|&[gray, _opacity]| gray).collect())
+            Pixels::Rgba8(buffer.as_chunks().0.iter().map(|&[gray, opacity]| [gray, gray, gray, opacity]).collect())
         }
         (ColorType::Rgb, BitDepth::Eight) => Pixels::Rgb8(buffer.as_chunks().0.to_vec()),
         (ColorType::Rgba, BitDepth::Eight) => Pixels::Rgba8(buffer.as_chunks().0.to_vec()),
@@ -210,6 +221,12 @@ mod tests {
         let mut bytes = encoded(&[gradient()]);
         bytes[16..24].copy_from_slice(&[0, 1, 0x80, 0, 0, 1, 0x80, 0]);
         assert!(decode_png(&bytes).is_err());
+        // As large as the file is small: nothing but its rows of zeros.
+        bytes[16..24].copy_from_slice(&[0, 0, 0x75, 0x30, 0, 0, 0x75, 0x30]);
+        let mut checksum = flate2::Crc::new();
+        checksum.update(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&checksum.sum().to_be_bytes());
+        assert!(decode_within(&bytes, 64e6, USUAL_EXPANSION).unwrap_err().contains("30000×30000 pixels"));
     }
 
     proptest! {

@@ -3,9 +3,9 @@
 
 use crate::error::{Problem, ReadError, quoted};
 use crate::number::Tokens;
+use crate::regular_file::read_regular;
 use floorprint::evaluation::Relation;
 use floorprint::geometry::Pose2;
-use std::fs;
 use std::path::Path;
 
 /// Reads relations, projected onto the plane. Empty lines and lines beginning with `#` are skipped.
@@ -13,7 +13,7 @@ use std::path::Path;
 /// # Errors
 /// When the file cannot be read, a line does not hold eight finite numbers, or there is no relation at all.
 pub fn read_relations(path: &Path) -> Result<Vec<Relation>, ReadError> {
-    let text = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
+    let text = read_regular(path)?;
     parse_relations(path, &text)
 }
 

@@ -27,15 +27,57 @@ pub(crate) fn replace_file(
             // The failure that is reported is the first one; the leftover may not even exist.
             let _ = fs::remove_file(&unfinished);
         }
-        result
+        result.and_then(|()| sync_folder(target.parent().unwrap_or(Path::new(""))))
     };
     result.map_err(|error| WriteError::io(path, &error))
+}
+
+/// Puts a folder's list of entries on the disk, so that what was moved there is there after a power cut.
+///
+/// Where the system cannot open folders or the file system cannot sync them there is nothing to do.
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+    let folder = if folder == Path::new("") { Path::new(".") } else { folder };
+    match File::open(folder).and_then(|folder| folder.sync_all()) {
+        Err(failure) if failure.kind() == io::ErrorKind::InvalidInput || cfg!(not(unix)) => Ok(()),
+        // A folder that may be written to but not listed.
+        Err(failure) if failure.kind() == io::ErrorKind::PermissionDenied => Ok(()),
+        result => result,
+    }
 }
 
 /// What a path leads to, also where there is nothing yet.
 pub(crate) fn behind_links(path: &Path) -> PathBuf {
     let missing = || fs::read_link(path).map_or_else(|_| path.to_path_buf(), |to| path.with_file_name("").join(to));
     fs::canonicalize(path).unwrap_or_else(|_| missing())
+}
+
+/// Writes several files; none is replaced before all of them are whole on the disk.
+///
+/// # Errors
+/// When a file cannot be written: those are then as they were that come later in the list.
+pub fn write_files(files: &[(&Path, &[u8])]) -> Result<(), WriteError> {
+    let targets: Vec<PathBuf> = files.iter().map(|(path, _)| behind_links(path)).collect();
+    let mut result = Ok(());
+    for (target, (path, bytes)) in targets.iter().zip(files) {
+        let written = write_all(&sibling(target, "unfinished"), |file| file.write_all(bytes));
+        result = written.and_then(|file| file.sync_all()).map_err(|error| WriteError::io(path, &error));
+        if result.is_err() {
+            break;
+        }
+    }
+    for (target, (path, _)) in targets.iter().zip(files) {
+        let unfinished = sibling(target, "unfinished");
+        match &result {
+            Ok(()) => {
+                let moved = fs::rename(&unfinished, target);
+                let moved = moved.and_then(|()| sync_folder(target.parent().unwrap_or(Path::new(""))));
+                result = moved.map_err(|error| WriteError::io(path, &error));
+            }
+            // The failure that is reported is the first one; the leftover may not even exist.
+            Err(_) => _ = fs::remove_file(&unfinished),
+        }
+    }
+    result
 }
 
 /// Writes `bytes` as the file at `path`, whole or not at all.
@@ -52,6 +94,11 @@ fn write_all(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) 
     Ok(writer.into_inner()?)
 }
 
+/// A hidden name beside `path`, the same for every process.
+pub(crate) fn hidden(path: &Path, purpose: &str) -> PathBuf {
+    path.with_file_name(hidden_name(path, purpose))
+}
+
 /// A name beside `path` that no one else uses: hidden, with the process's number.
 pub(crate) fn sibling(path: &Path, purpose: &str) -> PathBuf {
     let mut name = sibling_prefix(path, purpose);
@@ -61,9 +108,15 @@ pub(crate) fn sibling(path: &Path, purpose: &str) -> PathBuf {
 
 /// How the names of [`sibling`]s begin, whatever the process.
 pub(crate) fn sibling_prefix(path: &Path, purpose: &str) -> OsString {
+    let mut name = hidden_name(path, purpose);
+    name.push("-");
+    name
+}
+
+fn hidden_name(path: &Path, purpose: &str) -> OsString {
     let mut name = OsString::from(".");
     name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{purpose}-"));
+    name.push(format!(".{purpose}"));
     name
 }
 

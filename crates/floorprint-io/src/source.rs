@@ -1,6 +1,9 @@
 //! The input as it lies on disk: a file's bytes or a folder's listing.
 
+use crate::budget::Budget;
+use crate::data_set::OpenOptions;
 use crate::error::{Problem, ReadError};
+use crate::regular_file::read_regular;
 use flate2::bufread::GzDecoder;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
@@ -30,6 +33,8 @@ pub(crate) struct FileSource {
     bytes: Vec<u8>,
     /// The first bytes of its content, unpacked.
     head: Vec<u8>,
+    /// Why there are no more of them, where that is not the file's end.
+    head_error: Option<String>,
 }
 
 /// A folder with what lies in it.
@@ -54,7 +59,7 @@ impl Source {
         if !metadata.is_file() {
             return Err(Problem::new(path, "neither a file nor a folder").expected("a recorded data set").into());
         }
-        let bytes = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
+        let bytes = read_regular(path)?;
         Ok(Self::File(FileSource::new(path, bytes)?))
     }
 
@@ -70,12 +75,14 @@ impl Source {
 impl FileSource {
     /// A file with the given bytes.
     pub(crate) fn new(path: &Path, bytes: Vec<u8>) -> Result<Self, ReadError> {
-        let mut file = Self { path: path.to_path_buf(), bytes, head: Vec::new() };
+        let mut file = Self { path: path.to_path_buf(), bytes, head: Vec::new(), head_error: None };
         let mut head = Vec::new();
         // A damaged file may end early; what its beginning is can be told nevertheless.
-        if let Ok(0) = file.content().take(HEAD_BYTES).read_to_end(&mut head) {
+        let read = file.content().take(HEAD_BYTES).read_to_end(&mut head);
+        if let Ok(0) = read {
             return Err(Problem::new(path, "the file is empty").expected("a recorded data set").into());
         }
+        file.head_error = read.err().map(|error| error.to_string());
         file.head = head;
         Ok(file)
     }
@@ -95,18 +102,26 @@ impl FileSource {
         hexadecimal(&Sha256::digest(&self.bytes))
     }
 
-    /// The error for a content that breaks off or cannot be unpacked.
-    pub(crate) fn unreadable(&self, line: usize, error: &io::Error) -> ReadError {
-        let problem = Problem::new(&self.path, error.to_string()).at(format!("after line {line}"));
-        if self.is_gzip() {
-            problem
-                .expected("whole gzip data")
-                .advice(
-                    "The file was cut off or damaged: fetch it again, or save what is left with `zcat FILE > FILE.log`",
-                )
-                .into()
-        } else {
-            problem.into()
+    /// The memory that its data may take.
+    pub(crate) fn budget(&self, options: &OpenOptions) -> Budget {
+        Budget::new(self.bytes.len(), options.max_expansion)
+    }
+
+    /// What the user is told where the content breaks off or cannot be unpacked behind a line.
+    pub(crate) fn cut_off_note(&self, line: usize, error: &io::Error) -> String {
+        format!("the file was cut off or damaged ({error}): only its first {line} lines are used")
+    }
+
+    /// What is wrong with a file whose beginning tells nothing.
+    pub(crate) fn unknown(&self) -> Problem {
+        match &self.head_error {
+            Some(error) => {
+                let bytes = self.head.len();
+                Problem::new(&self.path, format!("gzip data that end after {bytes} bytes of content ({error})"))
+                    .expected("enough of them to tell the format")
+                    .advice("The file was cut off or damaged: fetch it again")
+            }
+            None => Problem::new(&self.path, "its content is of no known format"),
         }
     }
 

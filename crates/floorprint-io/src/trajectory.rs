@@ -2,10 +2,10 @@
 
 use crate::error::{Problem, ReadError, WriteError, quoted};
 use crate::number::{Tokens, push_fixed};
+use crate::regular_file::read_regular;
 use crate::replace::write_file;
 use floorprint::geometry::Pose2;
 use floorprint::sensors::StampedPose;
-use std::fs;
 use std::path::Path;
 
 /// Writes a trajectory in the plane: seconds to the microsecond, metres, a unit quaternion about z.
@@ -37,7 +37,7 @@ fn format_trajectory(trajectory: &[StampedPose]) -> String {
 /// # Errors
 /// When the file cannot be read, or a line does not hold eight finite numbers.
 pub fn read_trajectory(path: &Path) -> Result<Vec<StampedPose>, ReadError> {
-    let text = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
+    let text = read_regular(path)?;
     parse_trajectory(path, &text)
 }
 

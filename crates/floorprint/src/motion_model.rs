@@ -12,19 +12,19 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct MotionConfig {
     /// Standard deviation of the position at every step, metres.
-    #[schemars(range(min = 0.0))]
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub sigma_m: f64,
     /// Standard deviation of the position per metre travelled.
-    #[schemars(range(min = 0.0))]
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub sigma_m_per_m: f64,
     /// Standard deviation of the heading at every step, radians.
-    #[schemars(range(min = 0.0))]
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub sigma_rad: f64,
     /// Standard deviation of the heading per radian turned.
-    #[schemars(range(min = 0.0))]
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub sigma_rad_per_rad: f64,
     /// Standard deviation of the heading per metre travelled, radians.
-    #[schemars(range(min = 0.0))]
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub sigma_rad_per_m: f64,
 }
 

@@ -44,7 +44,12 @@ pub(super) fn find(paths: &[PathBuf]) -> anyhow::Result<Vec<DataSet>> {
         if !path.exists() {
             bail!("cannot read {}: there is no such file or folder", path.display());
         }
+        let before = found.len();
         look_into(path, &mut found).with_context(|| format!("cannot look into {}", path.display()))?;
+        if found.len() == before {
+            let expected = "expected .clf, .log or .dat files (also .gz), or ECE276A folders";
+            bail!("no data sets in {}; {expected}", path.display());
+        }
     }
     let mut data_sets: Vec<DataSet> = Vec::new();
     for path in found {

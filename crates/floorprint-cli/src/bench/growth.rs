@@ -31,7 +31,7 @@ const FIGURES: [Figure; 8] = [
 
 /// Charts over the drive's length, a group for each preset; `None` before there are two lengths.
 pub(super) fn plot(rows: &[Row]) -> Option<String> {
-    let mut presets: Vec<&str> = rows.iter().map(|row| row.preset).collect();
+    let mut presets: Vec<&str> = rows.iter().map(|row| row.preset.as_str()).collect();
     presets.sort_unstable();
     presets.dedup();
     let mut panels = String::new();
@@ -80,7 +80,7 @@ mod tests {
     fn a_plot_needs_two_lengths() {
         let row = |length_m: f64| Row {
             name: String::new(),
-            preset: "default",
+            preset: "default".to_owned(),
             runs: vec![Run { length_m, translation_m: Some(0.1), ..Run::default() }],
         };
         assert_eq!(plot(&[row(500.0)]), None);

@@ -1,11 +1,11 @@
 //! When and on what machine a benchmark ran.
 
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The machine that figures of cost belong to.
-#[derive(Debug, Clone, Serialize, JsonSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 pub(super) struct Machine {
     /// Model of the processor, as the system names it.
     pub(super) cpu: String,
@@ -29,7 +29,7 @@ impl Machine {
 }
 
 /// Today's date in UTC, as 2026-01-31.
-pub(super) fn today() -> String {
+pub(crate) fn today() -> String {
     date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs() / 86_400))
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Each run is a process of its own, so that its CPU time and its memory are its own.
 
+mod book;
 mod data_sets;
 mod growth;
 mod machine;
@@ -9,6 +10,7 @@ mod run;
 mod simulated;
 mod table;
 
+pub(crate) use machine::today;
 pub(crate) use simulated::{Arguments as DriveArguments, execute as execute_drive};
 
 use crate::config::Settings;
@@ -22,12 +24,13 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use data_sets::DataSet;
 use floorprint::config::Preset;
+use floorprint::front_end::FilterKind;
 use floorprint::simulator::World;
-use floorprint_io::write_file;
+use floorprint_io::write_files;
 use machine::Machine;
 use run::Run;
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use simulated::Lidar;
 use std::env;
@@ -77,15 +80,22 @@ pub(crate) struct Arguments {
     /// Print the JSON schema of bench.json instead.
     #[arg(long)]
     schema: bool,
+    /// Make the tables in this Markdown file anew from the stored figures that it names, instead.
+    #[arg(long, value_name = "FILE", conflicts_with = "schema")]
+    render: Option<PathBuf>,
+    /// Measure what this stored bench.json holds of the data sets and does not depend on chance once more,
+    /// instead; fail where a figure differs.
+    #[arg(long, value_name = "JSON", conflicts_with_all = ["schema", "render"])]
+    verify: Option<PathBuf>,
 }
 
 /// What `bench.json` says.
-#[derive(Debug, Serialize, JsonSchema)]
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
 struct Benchmark {
     /// Version of this format.
     schema: u32,
     /// Version of the program.
-    version: &'static str,
+    version: String,
     /// When it ran, UTC, as 2026-01-31.
     date: String,
     /// Where it ran.
@@ -109,23 +119,23 @@ struct Benchmark {
 }
 
 /// One preset on one data set or in one world, over all seeds.
-#[derive(Debug, Serialize, JsonSchema)]
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
 struct Row {
     /// The data set or the world.
     name: String,
     /// The preset.
-    preset: &'static str,
-    /// One entry for each seed.
+    preset: String,
+    /// One entry for each seed; a single one where the preset draws nothing at random.
     runs: Vec<Run>,
 }
 
 /// A run that gave no figures.
-#[derive(Debug, Serialize, JsonSchema)]
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
 struct Failure {
     /// The data set or the world.
     name: String,
     /// The preset.
-    preset: &'static str,
+    preset: String,
     /// The seed.
     seed: u64,
     /// Why.
@@ -165,9 +175,15 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         writeln!(terminal.results(), "{}", serde_json::to_string_pretty(&schemars::schema_for!(Benchmark))?)?;
         return Ok(Outcome::Fine);
     }
+    if let Some(document) = &arguments.render {
+        return book::render(document, terminal);
+    }
     // Whatever can be wrong is told before an hour of runs.
     Settings { set: arguments.set.clone(), ..Settings::default() }.resolve(None)?;
     arguments.lidar.simulation().validate()?;
+    if let Some(stored) = &arguments.verify {
+        return book::verify(arguments, stored, terminal);
+    }
     let cases = cases(arguments)?;
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
     let mut benchmark = arguments.benchmark();
@@ -176,13 +192,13 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let work: Vec<(&Case, Preset, u64)> = cases
         .iter()
         .flat_map(|case| arguments.presets(case).into_iter().map(move |preset| (case, preset)))
-        .flat_map(|(case, preset)| (0..arguments.seeds(case)).map(move |seed| (case, preset, seed)))
+        .flat_map(|(case, preset)| (0..arguments.seeds(case, preset)).map(move |seed| (case, preset, seed)))
         .collect();
     let interrupt = Interrupt::listen();
     let progress = terminal.progress("measuring", "runs", work.len());
     for (case, preset, seed) in work {
-        let (name, preset) = (case.name(), preset.name());
-        let measured = arguments.measure(case, preset, seed, &interrupt);
+        let (name, preset) = (case.name(), preset.name().to_owned());
+        let measured = arguments.measure(case, &preset, seed, &interrupt);
         if interrupt.requested() {
             // What was interrupted is no measurement.
             benchmark.interrupted = true;
@@ -207,7 +223,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     }
     progress.finish_and_clear();
     let markdown = benchmark.write(arguments)?;
-    terminal.results().write_all(markdown.as_bytes())?;
+    if !terminal.is_quiet() {
+        terminal.results().write_all(markdown.as_bytes())?;
+    }
     if benchmark.interrupted {
         terminal.warn("stopped before its end: the table holds the runs so far");
         return Ok(Outcome::Interrupted);
@@ -218,10 +236,6 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 /// Everything that was asked for, in its order.
 fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     let mut cases: Vec<Case> = data_sets::find(&arguments.paths)?.into_iter().map(Case::DataSet).collect();
-    if cases.is_empty() && !arguments.paths.is_empty() {
-        let paths: Vec<String> = arguments.paths.iter().map(|path| path.display().to_string()).collect();
-        bail!("no data sets in {}; expected .clf, .log or .dat files (also .gz), or ECE276A folders", paths.join(", "));
-    }
     cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
     cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
     if cases.is_empty() {
@@ -251,8 +265,20 @@ impl Arguments {
         }
     }
 
-    fn seeds(&self, case: &Case) -> u64 {
-        self.seeds.unwrap_or(if matches!(case, Case::Office { .. }) { 1 } else { 5 })
+    fn seeds(&self, case: &Case, preset: Preset) -> u64 {
+        match case {
+            Case::DataSet(_) if !self.draws_at_random(preset) => 1,
+            Case::Office { .. } => self.seeds.unwrap_or(1),
+            _ => self.seeds.unwrap_or(5),
+        }
+    }
+
+    /// Whether a run on a data set depends on the seed: one particle of its own map draws nothing.
+    fn draws_at_random(&self, preset: Preset) -> bool {
+        let settings = Settings { preset, set: self.set.clone(), ..Settings::default() };
+        !settings
+            .resolve(None)
+            .is_ok_and(|config| config.filter.kind == FilterKind::RaoBlackwellized && config.filter.particles == 1)
     }
 
     /// Nothing measured yet.
@@ -260,7 +286,7 @@ impl Arguments {
         let simulates = !self.world.is_empty() || !self.growth.is_empty();
         Benchmark {
             schema: 1,
-            version: env!("CARGO_PKG_VERSION"),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
             date: machine::today(),
             machine: Machine::here(),
             threads: self.threads,
@@ -323,11 +349,12 @@ impl Benchmark {
     fn write(&self, arguments: &Arguments) -> anyhow::Result<String> {
         let markdown = table::markdown(self);
         let out = &arguments.out;
-        write_file(&out.join("bench.md"), markdown.as_bytes())?;
-        write_file(&out.join("bench.json"), (serde_json::to_string_pretty(self)? + "\n").as_bytes())?;
-        if let Some(svg) = growth::plot(&self.growth) {
-            write_file(&out.join("growth.svg"), svg.as_bytes())?;
-        }
+        let json = serde_json::to_string_pretty(self)? + "\n";
+        let plot = growth::plot(&self.growth);
+        let [table, figures, growth] = ["bench.md", "bench.json", "growth.svg"].map(|name| out.join(name));
+        let mut files = vec![(table.as_path(), markdown.as_bytes()), (figures.as_path(), json.as_bytes())];
+        files.extend(plot.as_ref().map(|svg| (growth.as_path(), svg.as_bytes())));
+        write_files(&files)?;
         Ok(markdown)
     }
 }

@@ -9,15 +9,21 @@ pub(super) fn markdown(benchmark: &Benchmark) -> String {
     let mut text = head(benchmark);
     if !benchmark.data_sets.is_empty() {
         text.push_str(DATA_SETS);
-        text.push_str(&table("data set", &benchmark.data_sets, &data_set_columns()));
+        text.push_str(&named(benchmark, "accuracy").unwrap_or_default());
+        text.push('\n');
+        text.push_str(&named(benchmark, "cost").unwrap_or_default());
     }
     if !benchmark.worlds.is_empty() {
         text.push_str(WORLDS);
-        text.push_str(&table("world", &benchmark.worlds, &world_columns()));
+        text.push_str(&named(benchmark, "worlds").unwrap_or_default());
+        text.push('\n');
+        text.push_str(&named(benchmark, "cost of worlds").unwrap_or_default());
     }
     if !benchmark.growth.is_empty() {
         text.push_str(GROWTH);
-        text.push_str(&table("drive", &benchmark.growth, &growth_columns()));
+        text.push_str(&named(benchmark, "growth").unwrap_or_default());
+        text.push('\n');
+        text.push_str(&named(benchmark, "errors of growth").unwrap_or_default());
     }
     for failure in &benchmark.failures {
         let message = failure.message.lines().next().unwrap_or_default();
@@ -27,10 +33,25 @@ pub(super) fn markdown(benchmark: &Benchmark) -> String {
     text
 }
 
+/// One table of a benchmark by its name; `None` where there is none of that name.
+pub(super) fn named(benchmark: &Benchmark, name: &str) -> Option<String> {
+    let Benchmark { data_sets, worlds, growth, .. } = benchmark;
+    Some(match name {
+        "accuracy" => table("data set", data_sets, &accuracy_columns()),
+        "cost" => table("data set", data_sets, &cost_columns()),
+        "worlds" => table("world", worlds, &world_columns()),
+        "cost of worlds" => table("world", worlds, &world_cost_columns()),
+        "growth" => table("drive", growth, &growth_columns()),
+        "errors of growth" => table("drive", growth, &growth_error_columns()),
+        "head" => head(benchmark),
+        _ => return None,
+    })
+}
+
 const DATA_SETS: &str = "\nErrors on data sets are the mean over the benchmark's relations where there are any, else the \
-    RMSE against the true trajectory; \"worst ÷ mean\" is the worst seed's translation error over the mean. A closure is \
-    wrong that is off the true relative pose by more than 0.2 m or 0.05 rad. CPU, wall time and memory are those of the \
-    whole process; a scan's time is wall time.\n\n";
+    RMSE against the true trajectory. A closure is \
+    wrong that is off the true relative pose by more than 0.2 m or 0.05 rad. CPU time and memory are those of the \
+    whole process; a scan's time is wall time. Presets that draw nothing at random are run once.\n\n";
 const WORLDS: &str = "\nErrors in simulated worlds are RMSE, largest and last error against the truth. A closure is \
     wrong that is off the true relative pose by more than 0.2 m or 0.05 rad; wrong ones are given in all seeds together. CPU \
     time and memory are without those of the simulation.\n\n";
@@ -63,67 +84,102 @@ fn plural(count: usize) -> &'static str {
 /// A column: its head and what it shows of a row.
 type Column = (&'static str, Box<dyn Fn(&Row) -> String>);
 
+/// A Markdown table whose columns are aligned in a terminal, too.
 fn table(first: &str, rows: &[Row], columns: &[Column]) -> String {
-    let heads: Vec<&str> = columns.iter().map(|(head, _)| *head).collect();
-    let mut text = format!("| {first} | preset | seeds | {} |\n", heads.join(" | "));
-    text.push_str(&format!("|---|---|{}\n", "---|".repeat(heads.len() + 1)));
+    let heads = [first, "preset", "runs"].into_iter().chain(columns.iter().map(|(head, _)| *head));
+    let mut lines = vec![heads.map(str::to_owned).collect::<Vec<String>>()];
     for row in rows {
-        let cells: Vec<String> = columns.iter().map(|(_, cell)| cell(row)).collect();
-        let _ = writeln!(text, "| {} | {} | {} | {} |", row.name, row.preset, row.runs.len(), cells.join(" | "));
+        let own = [row.name.clone(), row.preset.clone(), row.runs.len().to_string()];
+        lines.push(own.into_iter().chain(columns.iter().map(|(_, cell)| cell(row))).collect());
+    }
+    let length = |cell: &String| cell.chars().count();
+    let widths: Vec<usize> =
+        (0..lines[0].len()).map(|column| lines.iter().map(|line| length(&line[column])).max().unwrap_or(0)).collect();
+    let mut text = String::new();
+    for (index, line) in lines.iter().enumerate() {
+        for (cell, &width) in line.iter().zip(&widths) {
+            let _ = write!(text, "| {cell:<width$} ");
+        }
+        text.push_str("|\n");
+        if index == 0 {
+            widths.iter().for_each(|&width| _ = write!(text, "|{}", "-".repeat(width + 2)));
+            text.push_str("|\n");
+        }
     }
     text
 }
 
-fn data_set_columns() -> Vec<Column> {
+fn closures() -> Box<dyn Fn(&Row) -> String> {
+    mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)
+}
+
+fn memory_mb() -> Box<dyn Fn(&Row) -> String> {
+    with_worst(|run| run.peak_memory_bytes.map(|bytes| bytes as f64 * 1e-6), 0)
+}
+
+fn accuracy_columns() -> Vec<Column> {
     vec![
-        ("translation m", with_worst(|run| run.translation_m, 4)),
-        ("worst ÷ mean", Box::new(worst_over_mean)),
-        ("rotation °", with_worst(|run| run.rotation_deg, 3)),
-        ("largest m", with_worst(|run| run.largest_m, 2)),
-        ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 3)),
-        ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
+        ("mean m", with_worst(|run| run.translation_m, 4)),
+        ("mean °", with_worst(|run| run.rotation_deg, 3)),
+        ("max m", largest(|run| run.largest_m, 2)),
+        ("odometry", mean(|run| run.odometry_m, 1.0, 3)),
+        ("loops", closures()),
         ("wrong", Box::new(wrong)),
+    ]
+}
+
+fn cost_columns() -> Vec<Column> {
+    vec![
         ("map F1", mean(|run| run.map_f1, 1.0, 3)),
-        ("double walls %", mean(|run| run.doubled_share, 100.0, 2)),
-        ("scan ms, mean / p99 / max", Box::new(scan_ms)),
+        ("double", mean(|run| run.doubled_share, 100.0, 2)),
+        ("scan ms, p99, max", Box::new(scan_ms)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 2)),
-        ("wall s", mean(|run| Some(run.wall_s), 1.0, 2)),
-        ("memory MB", with_worst(|run| run.peak_memory_bytes.map(|bytes| bytes as f64 * 1e-6), 0)),
-        ("× real time (slowest)", Box::new(real_time)),
+        ("MB", memory_mb()),
+        ("× real", Box::new(real_time)),
     ]
 }
 
 fn world_columns() -> Vec<Column> {
     vec![
         ("km", mean(|run| Some(run.length_m), 1e-3, 2)),
-        ("RMSE m", with_worst(|run| run.translation_m, 4)),
-        ("RMSE °", with_worst(|run| run.rotation_deg, 3)),
-        ("largest m", with_worst(|run| run.largest_m, 3)),
-        ("at the end m", with_worst(|run| run.end_m, 3)),
-        ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 2)),
-        ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
+        ("RMSE m", with_worst(|run| run.translation_m, 3)),
+        ("max m", largest(|run| run.largest_m, 3)),
+        ("end m", largest(|run| run.end_m, 3)),
+        ("odometry", mean(|run| run.odometry_m, 1.0, 1)),
+        ("loops", closures()),
         ("wrong", Box::new(wrong)),
+    ]
+}
+
+fn world_cost_columns() -> Vec<Column> {
+    vec![
+        ("RMSE °", with_worst(|run| run.rotation_deg, 3)),
         ("map F1", mean(|run| run.map_f1, 1.0, 3)),
-        ("scan ms, mean / p99 / max", Box::new(scan_ms)),
+        ("scan ms, p99, max", Box::new(scan_ms)),
         ("end s", mean(|run| run.finish_s, 1.0, 2)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
-        ("memory MB", with_worst(|run| run.peak_memory_bytes.map(|bytes| bytes as f64 * 1e-6), 0)),
+        ("MB", memory_mb()),
     ]
 }
 
 fn growth_columns() -> Vec<Column> {
     vec![
-        ("km", mean(|run| Some(run.length_m), 1e-3, 2)),
         ("scans", mean(|run| Some(run.scans as f64), 1.0, 0)),
-        ("scan ms, mean / p99 / max", Box::new(scan_ms)),
+        ("scan ms, p99, max", Box::new(scan_ms)),
         ("end s", mean(|run| run.finish_s, 1.0, 2)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
-        ("× real time (slowest)", Box::new(real_time)),
-        ("memory MB", with_worst(|run| run.peak_memory_bytes.map(|bytes| bytes as f64 * 1e-6), 0)),
+        ("× real", Box::new(real_time)),
+        ("MB", memory_mb()),
+    ]
+}
+
+fn growth_error_columns() -> Vec<Column> {
+    vec![
+        ("km", mean(|run| Some(run.length_m), 1e-3, 2)),
         ("RMSE m", with_worst(|run| run.translation_m, 3)),
-        ("at the end m", with_worst(|run| run.end_m, 3)),
-        ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 1)),
-        ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
+        ("end m", largest(|run| run.end_m, 3)),
+        ("odometry", mean(|run| run.odometry_m, 1.0, 1)),
+        ("loops", closures()),
         ("wrong", Box::new(wrong)),
     ]
 }
@@ -157,10 +213,12 @@ fn with_worst(value: fn(&Run) -> Option<f64>, decimals: usize) -> Box<dyn Fn(&Ro
     })
 }
 
-fn worst_over_mean(row: &Row) -> String {
-    let values = values(row, |run| run.translation_m);
-    let worst = values.iter().copied().reduce(f64::max);
-    worst.map_or(UNKNOWN.to_owned(), |worst| format!("{:.2}", worst / mean_of(&values).max(f64::MIN_POSITIVE)))
+/// The largest of all runs.
+fn largest(value: fn(&Run) -> Option<f64>, decimals: usize) -> Box<dyn Fn(&Row) -> String> {
+    Box::new(move |row| match values(row, value).into_iter().reduce(f64::max) {
+        None => UNKNOWN.to_owned(),
+        Some(largest) => format!("{largest:.decimals$}"),
+    })
 }
 
 fn real_time(row: &Row) -> String {
@@ -179,7 +237,7 @@ fn scan_ms(row: &Row) -> String {
     let count = costs.len() as f64;
     let mean = costs.iter().map(|cost| cost.mean).sum::<f64>() / count;
     let p99 = costs.iter().map(|cost| cost.p99).sum::<f64>() / count;
-    format!("{mean:.2} / {p99:.2} / {max:.1}")
+    format!("{mean:.2}/{p99:.2}/{max:.1}")
 }
 
 /// Wrong closures of all seeds, and in how many seeds they are.
@@ -211,22 +269,38 @@ mod tests {
         }
     }
 
-    #[test]
-    fn rows_give_the_mean_and_the_worst() {
-        let rows = [Row { name: "a".into(), preset: "default", runs: vec![run(0, 0.01, 0), run(1, 0.03, 2)] }];
-        let text = table("data set", &rows, &data_set_columns());
-        let expected = "| a | default | 2 | 0.0200 (0.0300) | 1.50 | – | – | – | – | **2** (1 seed) | – | – | 0.50 / 1.00 / 2.0 | 2.00 | 1.00 | 5 (5) | 150 (100) |\n";
-        assert!(text.ends_with(expected), "{text}");
-        assert_eq!(wrong(&rows[0]), "**2** (1 seed)");
+    fn rows() -> [Row; 1] {
+        [Row { name: "a".into(), preset: "default".into(), runs: vec![run(0, 0.01, 0), run(1, 0.03, 2)] }]
+    }
+
+    /// The cells of the last line.
+    fn cells(text: &str) -> Vec<&str> {
+        text.lines().last().unwrap().trim_matches('|').split('|').map(str::trim).collect()
     }
 
     #[test]
-    fn every_line_of_a_table_has_as_many_cells() {
-        let rows = [Row { name: "a".into(), preset: "fast", runs: vec![run(0, 0.01, 0)] }];
-        for columns in [data_set_columns(), world_columns(), growth_columns()] {
-            let text = table("x", &rows, &columns);
-            let cells: Vec<usize> = text.lines().map(|line| line.matches('|').count()).collect();
-            assert!(cells.iter().all(|count| *count == columns.len() + 4), "{text}");
+    fn rows_give_the_mean_and_the_worst() {
+        let text = table("data set", &rows(), &accuracy_columns());
+        let expected = ["a", "default", "2", "0.0200 (0.0300)", "–", "–", "–", "–", "**2** (1 seed)"];
+        assert_eq!(cells(&text), expected);
+        let text = table("data set", &rows(), &cost_columns());
+        assert_eq!(cells(&text)[3..], ["–", "–", "0.50/1.00/2.0", "2.00", "5 (5)", "150 (100)"]);
+    }
+
+    #[test]
+    fn tables_fit_into_a_hundred_columns() {
+        let rows = [Row { name: "main_building".into(), preset: "gmapping".into(), runs: vec![run(0, 0.01, 0)] }];
+        for columns in [
+            accuracy_columns(),
+            cost_columns(),
+            world_columns(),
+            world_cost_columns(),
+            growth_columns(),
+            growth_error_columns(),
+        ] {
+            let text = table("data set", &rows, &columns);
+            let lengths: Vec<usize> = text.lines().map(|line| line.chars().count()).collect();
+            assert!(lengths.iter().all(|&length| length == lengths[0] && length <= 100), "{text}");
         }
     }
 }

@@ -25,11 +25,11 @@ pub(crate) struct Chart<'a> {
 }
 
 impl Chart<'_> {
-    /// The chart over seconds as a `<figure>`; empty when there is nothing to draw.
-    pub(super) fn to_html(&self) -> String {
+    /// The chart over seconds as a `<figure>` with what it means; empty when there is nothing to draw.
+    pub(super) fn to_html(&self, meaning: &str) -> String {
         let title = self.title;
         self.to_svg("s", None).map_or(String::new(), |svg| {
-            format!(r#"<figure class="chart"><figcaption>{title}</figcaption>{svg}</figure>"#)
+            format!(r#"<figure class="chart"><figcaption>{title}</figcaption>{svg}<p class="caption">{meaning}</p></figure>"#)
         })
     }
 
@@ -149,6 +149,6 @@ mod tests {
     #[test]
     fn nothing_is_drawn_from_nothing() {
         let chart = Chart { title: "t", class: "", points: vec![], maximum: None };
-        assert_eq!(chart.to_html(), "");
+        assert_eq!(chart.to_html("m"), "");
     }
 }

@@ -1,8 +1,8 @@
 //! `report.html`: one page that holds everything and needs no network.
 
-use super::Report;
 use super::chart::Chart;
-use crate::figure::{FREE, OCCUPIED, UNKNOWN, scale_bar_length_m};
+use super::{Made, Report};
+use crate::figure::{FREE, OCCUPIED, UNKNOWN};
 use crate::run_folder::data_set_name;
 use crate::solve::Solution;
 use crate::summary::counted;
@@ -19,6 +19,12 @@ use std::path::Path;
 
 /// Most stretches of contradiction that are listed; `report.json` has them all.
 const STRETCHES_SHOWN: usize = 8;
+
+/// Poses that can be pointed at; of longer drives every so many.
+const POSES_NAMED: usize = 6000;
+
+/// Everything is shown at first where it is at most so many times as large as the map.
+const FARTHEST_SHOWN: f64 = 1.8;
 
 /// What the page shows besides the report's figures.
 pub(crate) struct Exhibits<'a> {
@@ -56,24 +62,44 @@ pub(crate) fn page(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, p
         errors(report),
         cost_and_losses(report),
         notes(report),
+        files(report, exhibits),
         configuration(exhibits.config),
         footer(report),
     ] {
         html.push_str(&section);
     }
-    html.push_str("</main>\n</body>\n</html>\n");
+    let _ = write!(
+        html,
+        "</main>\n<script type=\"application/json\" id=\"poses\">{}</script>\n<script>\n{}</script>\n</body>\n</html>\n",
+        poses(&exhibits.solution.trajectory),
+        include_str!("page.js")
+    );
     Ok(html)
 }
 
+/// The poses that the page can name: seconds since the first, x, y (metres), heading (degrees) and stamp.
+fn poses(trajectory: &[StampedPose]) -> String {
+    let start_s = trajectory.first().map_or(0.0, |first| first.stamp_s);
+    let every = trajectory.len().div_ceil(POSES_NAMED).max(1);
+    let pose = |StampedPose { stamp_s, pose }: &StampedPose| {
+        format!("[{:.2},{:.3},{:.3},{:.2},{stamp_s:.3}]", stamp_s - start_s, pose.x, pose.y, pose.theta.to_degrees())
+    };
+    format!("[{}]", trajectory.iter().step_by(every).map(pose).collect::<Vec<_>>().join(","))
+}
+
 fn header(report: &Report, name: &str) -> String {
+    let Made { date, command } = &report.made;
     let partial = if report.partial { "<span class=\"badge\">partial: stopped before its end</span>" } else { "" };
     format!(
-        "<header><h1>{}</h1>{partial}<p>{} · preset {} · seed {} · odometry from {}</p></header>\n",
+        "<header><h1>{}</h1>{partial}<p>{} · preset {} · seed {} · odometry from {}</p>\
+         <p>made on {date} by Floorprint {} with <code>{}</code></p></header>\n",
         escape(name),
         escape(report.input.format),
         report.preset,
         report.seed,
-        odometry_name(report.drive.odometry)
+        odometry_name(report.drive.odometry),
+        report.version,
+        escape(command)
     )
 }
 
@@ -146,37 +172,44 @@ fn tiles(report: &Report) -> String {
 fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::EncodingError> {
     let Exhibits { solution, map, .. } = exhibits;
     let truth = &report.errors.true_trajectory;
-    let view = View::around(&[&solution.trajectory, &solution.odometry, truth], map).with_room_for_scale_bar();
+    let drawn: [&[StampedPose]; 3] = [&solution.trajectory, &solution.odometry, truth];
+    let (near, all) = (View::around(&drawn, map), View::of_all(&drawn, map));
+    // Dead reckoning that runs far off must not shrink the map to a spot: then a button shows it.
+    let view = if all.longest_m() < FARTHEST_SHOWN * near.longest_m() { View::of_all(&drawn, map) } else { near };
+    let view = view.with_room_for_scale_bar();
     let mut layers = vec![
-        ("map", "cells", "map"),
-        ("trajectory", "trajectory", "trajectory"),
-        ("odometry", "odometry", "dead reckoning"),
+        ("map", "cells", "map", "checked"),
+        ("trajectory", "trajectory", "trajectory", "checked"),
+        ("odometry", "odometry", "dead reckoning", "checked"),
     ];
     let mut svg = view.image("cells", map.origin_m, map.width, map.height, map.resolution_m, &map_png(map)?);
     svg.push_str(&view.path("odometry", &solution.odometry));
     if !truth.is_empty() {
-        layers.push(("truth", "truth", "truth"));
+        layers.push(("truth", "truth", "truth", "checked"));
         svg.push_str(&view.path("truth", truth));
     }
     if let Some(loops) = report.loops.as_ref().filter(|loops| loops.closed > 0) {
-        layers.push(("loops", "loops", "loops closed"));
+        // Many loops would bury the trajectory.
+        layers.push(("loops", "loops", "loop closures", ""));
         let ends = loops.accepted().map(|closure| closure.frames.map(|frame| &solution.trajectory[frame]));
         svg.push_str(&view.segments("loops", ends));
     }
     svg.push_str(&view.path("trajectory", &solution.trajectory));
-    svg.push_str(&view.ends(&solution.trajectory));
-    svg.push_str(&view.scale_bar());
+    svg.push_str(&ends(&solution.trajectory));
     let controls: String = layers
         .iter()
-        .map(|(id, class, label)| {
-            format!("<label><input type=\"checkbox\" id=\"show-{id}\" checked><i class=\"{class}\"></i>{label}</label>")
+        .map(|(id, class, label, checked)| {
+            format!(
+                "<label><input type=\"checkbox\" id=\"show-{id}\" {checked}><i class=\"{class}\"></i>{label}</label>"
+            )
         })
         .collect();
     Ok(format!(
         "<section class=\"card\"><div class=\"head\"><h2>Map and trajectory</h2><div class=\"layers\">{controls}</div></div>\
-         <div class=\"paper plan\">{}</div>\
-         <p class=\"caption\">White is unknown, light gray free, black occupied. The ring is the start, the dot the end.</p></section>\n",
-        view.svg("map with trajectory and dead reckoning", &svg)
+         {}<p class=\"caption\">Free cells are white, occupied ones black, unknown ones grey (in dark mode the other way \
+         round). The ring is the start, the dot the end. Drag to move, Ctrl and the wheel or the buttons to zoom; point \
+         at the trajectory for stamp and pose.</p></section>\n",
+        view.plan("", "map with trajectory and dead reckoning", &svg, Some(&all))
     ))
 }
 
@@ -200,13 +233,11 @@ fn floor_section(report: &Report, exhibits: &Exhibits<'_>) -> String {
     };
     let mut svg = view.image("", map.origin_m, map.width, map.height, map.resolution_m, png);
     svg.push_str(&view.path("trajectory", &exhibits.solution.trajectory));
-    svg.push_str(&view.scale_bar());
     format!(
         "<section class=\"card\"><div class=\"head\"><h2>Floor</h2><div class=\"layers\">\
          <label><input type=\"checkbox\" id=\"show-path\"><i class=\"trajectory\"></i>trajectory</label></div></div>\
-         <div class=\"paper plan floor\">{}</div>\
-         <p class=\"caption\">{:.1} m² painted from {} image pairs{nothing_new}, {:.0} mm cells.</p></section>\n",
-        view.svg("colours of the floor", &svg),
+         {}<p class=\"caption\">{:.1} m² painted from {} image pairs{nothing_new}, {:.0} mm cells.</p></section>\n",
+        view.plan("floor", "colours of the floor", &svg, None),
         summary.painted_m2,
         summary.images,
         1e3 * summary.resolution_m
@@ -240,7 +271,7 @@ fn loops_and_contradictions(report: &Report) -> String {
         };
         let _ = write!(
             cards,
-            "<section class=\"card\"><h2>Loops</h2><table><tbody>{rows}</tbody></table><p class=\"caption\">{caption}</p></section>"
+            "<section class=\"card\"><h2>Loops</h2><div class=\"scroll\"><table><tbody>{rows}</tbody></table></div><p class=\"caption\">{caption}</p></section>"
         );
     }
     let contradictions = &report.filter.contradictions;
@@ -274,13 +305,26 @@ fn charts(report: &Report, solution: &Solution) -> String {
         solution.steps.iter().map(|step| [step.stamp_s, value(step)]).collect()
     };
     let particles = report.filter.particles as f64;
-    let mut charts: Vec<Chart<'_>> = [
-        ("Effective number of particles", over_time(|step| step.filter.effective_particles), Some(particles)),
-        ("Match score", over_time(|step| step.filter.score), None),
-        ("Share of points on the map", over_time(|step| step.filter.inlier_share), Some(1.0)),
-    ]
-    .map(|(title, points, maximum)| Chart { title, class: "", points, maximum })
-    .into();
+    let effective = Chart {
+        title: "Effective number of particles",
+        class: "",
+        points: over_time(|step| step.filter.effective_particles),
+        maximum: Some(particles),
+    };
+    let score = Chart { title: "Match score", class: "", points: over_time(|step| step.filter.score), maximum: None };
+    let inliers = Chart {
+        title: "Share of points on the map",
+        class: "",
+        points: over_time(|step| step.filter.inlier_share),
+        maximum: Some(1.0),
+    };
+    let mut charts = vec![
+        (score, "How well each scan fits the map, in the filter's own measure: sudden drops are places to look at."),
+        (inliers, "Of each scan, how many of its points lie on walls of the map, from 0 to 1; new ground lowers it."),
+    ];
+    if report.filter.particles > 1 {
+        charts.insert(0, (effective, "How many particles really carry weight; they are resampled when these are few."));
+    }
     if !report.errors.true_trajectory.is_empty() {
         let truth = StampIndex::new(&report.errors.true_trajectory);
         let errors = |poses: &[StampedPose], error: fn(PoseError) -> f64| -> Vec<[f64; 2]> {
@@ -297,11 +341,14 @@ fn charts(report: &Report, solution: &Solution) -> String {
             ("Heading error, °", "trajectory", &solution.trajectory, |error| error.rotation_deg),
             ("Position error of dead reckoning, m", "odometry", &solution.odometry, position),
         ] {
-            charts.push(Chart { title, class, points: errors(poses, error), maximum: None });
+            let chart = Chart { title, class, points: errors(poses, error), maximum: None };
+            charts.push((chart, "Distance from the truth at each scan, without alignment."));
         }
     }
-    let cards: String =
-        charts.iter().map(|chart| format!("<section class=\"card\">{}</section>", chart.to_html())).collect();
+    let cards: String = charts
+        .iter()
+        .map(|(chart, meaning)| format!("<section class=\"card\">{}</section>", chart.to_html(meaning)))
+        .collect();
     format!("<div class=\"pair\">{cards}</div>\n")
 }
 
@@ -359,9 +406,9 @@ fn cost_and_losses(report: &Report) -> String {
         losses.push_str("<tr><td>nothing</td><td>0</td></tr>");
     }
     format!(
-        "<div class=\"pair\"><section class=\"card\"><h2>Time</h2><table><tbody>{phases}</tbody></table>\
+        "<div class=\"pair\"><section class=\"card\"><h2>Time</h2><div class=\"scroll\"><table><tbody>{phases}</tbody></table></div>\
          <p class=\"caption\">{:.2} s in all, {} thread{}{cpu}{memory}</p></section>\
-         <section class=\"card\"><h2>Dropped data</h2><table><tbody>{losses}</tbody></table></section></div>\n",
+         <section class=\"card\"><h2>Dropped data</h2><div class=\"scroll\"><table><tbody>{losses}</tbody></table></div></section></div>\n",
         report.cost.wall_s,
         report.cost.threads,
         if report.cost.threads == 1 { "" } else { "s" }
@@ -374,6 +421,24 @@ fn notes(report: &Report) -> String {
     }
     let items: String = report.notes.iter().map(|note| format!("<li>{}</li>", escape(note))).collect();
     format!("<section class=\"card\"><h2>Notes</h2><ul>{items}</ul></section>\n")
+}
+
+/// Links to what lies beside the page.
+fn files(report: &Report, exhibits: &Exhibits<'_>) -> String {
+    let mut files = vec![
+        ("trajectory.tum", "poses"),
+        ("odometry.tum", "dead reckoning"),
+        ("map.yaml", "map for ROS"),
+        ("map.png", "map"),
+        ("trajectories.png", "map with trajectories"),
+        ("report.json", "all figures"),
+        ("config.toml", "configuration"),
+    ];
+    files.extend(exhibits.solution.graph.as_ref().map(|_| ("graph.g2o", "pose graph")));
+    files.extend(report.texture.as_ref().map(|_| ("texture.png", "floor")));
+    let items: String =
+        files.iter().map(|(file, what)| format!("<li><a href=\"{file}\">{file}</a> {what}</li>")).collect();
+    format!("<section class=\"card\"><h2>Files beside this page</h2><ul class=\"files\">{items}</ul></section>\n")
 }
 
 fn configuration(config: &Config) -> String {
@@ -441,11 +506,37 @@ impl View {
         (self.high_m[0] - self.low_m[0]).max(self.high_m[1] - self.low_m[1])
     }
 
-    fn svg(&self, label: &str, content: &str) -> String {
+    /// All that is drawn, however far off.
+    fn of_all(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
+        let mut view = Self::around(&[], map);
+        for StampedPose { pose, .. } in trajectories.iter().copied().flatten() {
+            for (axis, position) in [pose.x, pose.y].into_iter().enumerate() {
+                view.low_m[axis] = view.low_m[axis].min(position);
+                view.high_m[axis] = view.high_m[axis].max(position);
+            }
+        }
+        let air_m = 0.03 * view.longest_m();
+        Self { low_m: view.low_m.map(|low| low - air_m), high_m: view.high_m.map(|high| high + air_m) }
+    }
+
+    /// Left, top, width and height, y downwards, metres.
+    fn view_box(&self) -> String {
         let [width, height] = [self.high_m[0] - self.low_m[0], self.high_m[1] - self.low_m[1]];
+        format!("{:.3} {:.3} {width:.3} {height:.3}", self.low_m[0], -self.high_m[1])
+    }
+
+    /// A plan with its buttons, scale bar and read-out, which the page's script fills; `all` is what a button shows.
+    fn plan(&self, class: &str, label: &str, content: &str, all: Option<&Self>) -> String {
+        let everything = all.map_or(String::new(), |all| format!(" data-all=\"{}\"", all.view_box()));
+        let button = all.map_or("", |_| "<button type=\"button\" name=\"all\">everything</button>");
         format!(
-            "<svg viewBox=\"{:.3} {:.3} {width:.3} {height:.3}\" role=\"img\" aria-label=\"{label}\">{content}</svg>",
-            self.low_m[0], -self.high_m[1]
+            "<div class=\"paper plan {class}\"{everything}><svg viewBox=\"{}\" role=\"img\" tabindex=\"0\" \
+             aria-label=\"{label}\">{content}<path class=\"here\" visibility=\"hidden\" d=\"\"/></svg>\
+             <div class=\"zoom\"><button type=\"button\" name=\"in\" aria-label=\"zoom in\">+</button>\
+             <button type=\"button\" name=\"out\" aria-label=\"zoom out\">−</button>\
+             <button type=\"button\" name=\"fit\">fit</button>{button}</div>\
+             <div class=\"scale\"><i></i><span></span></div><output></output></div>",
+            self.view_box()
         )
     }
 
@@ -493,36 +584,25 @@ impl View {
         format!("<path class=\"{class}\" d=\"{data}\"/>")
     }
 
-    fn ends(&self, poses: &[StampedPose]) -> String {
-        let radius_m = self.longest_m() / 130.0;
-        let disc = |class: &str, stamped: Option<&StampedPose>| {
-            stamped.map_or(String::new(), |StampedPose { pose, .. }| {
-                format!(
-                    "<circle class=\"{class} trajectory\" cx=\"{:.3}\" cy=\"{:.3}\" r=\"{radius_m:.3}\"/>",
-                    pose.x, -pose.y
-                )
-            })
-        };
-        disc("start", poses.first()) + &disc("end", poses.last())
-    }
-
     /// The same view with room for a scale bar at the bottom.
     fn with_room_for_scale_bar(mut self) -> Self {
         self.low_m[1] -= 0.05 * self.longest_m();
         self
     }
+}
 
-    fn scale_bar(&self) -> String {
-        let length_m = scale_bar_length_m(self.high_m[0] - self.low_m[0]);
-        let air_m = 0.022 * self.longest_m();
-        let (x, y) = (self.low_m[0] + air_m, -self.low_m[1] - air_m);
-        format!(
-            "<path class=\"bar\" d=\"M{x:.3} {y:.3}h{length_m}\"/><text x=\"{:.3}\" y=\"{:.3}\" font-size=\"{:.3}\">{length_m} m</text>",
-            x + length_m + 0.4 * air_m,
-            y + 0.3 * air_m,
-            air_m
-        )
-    }
+/// A ring where the drive begins and a dot where it ends, of the same size at any zoom.
+fn ends(poses: &[StampedPose]) -> String {
+    let dot = |class: &str, stamped: Option<&StampedPose>| {
+        stamped.map_or(String::new(), |StampedPose { pose, .. }| {
+            ["", " inner"]
+                .map(|part| {
+                    format!("<path class=\"{class}{part} trajectory-end\" d=\"M{:.3} {:.3}h0\"/>", pose.x, -pose.y)
+                })
+                .concat()
+        })
+    };
+    dot("start", poses.first()) + &dot("end", poses.last())
 }
 
 /// The map as a small PNG, one pixel a cell.

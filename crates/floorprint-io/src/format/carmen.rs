@@ -21,6 +21,7 @@
 //! Source: the CARMEN toolkit's logger (`readlog.c`).
 
 use super::Format;
+use crate::budget::Budget;
 use crate::calibration;
 use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
 use crate::error::{Problem, ReadError, quoted};
@@ -31,6 +32,7 @@ use floorprint::SensorId;
 use floorprint::geometry::{Mount, Pose2, wrap_angle};
 use floorprint::sensors::{Record, Scan, ScanGeometry, StampedPose};
 use floorprint::survey::no_return_mark_m;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 pub(super) const FORMAT: Format = Format {
@@ -74,17 +76,22 @@ fn recognises(source: &Source) -> bool {
     })
 }
 
-fn read(source: &Source, _options: &OpenOptions) -> Result<DataSet, ReadError> {
+fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
     let Source::File(file) = source else {
         return Err(Problem::new(source.path(), "a folder").expected(FORMAT.description).into());
     };
     let mut log = Log::default();
+    let mut budget = file.budget(options);
     let mut lines = Lines::new(file.content());
     loop {
         match lines.next_line() {
-            Ok(Some(line)) => log.take(line),
+            Ok(Some(line)) => log.take(line, &mut budget).ok_or_else(|| budget.exceeded(&file.path))?,
             Ok(None) => break,
-            Err(error) => return Err(file.unreadable(lines.number(), &error)),
+            Err(error) => {
+                log.dropped.add(DropReason::MalformedLine);
+                log.cut_off = Some(file.cut_off_note(lines.number(), &error));
+                break;
+            }
         }
     }
     log.finish(file)
@@ -130,11 +137,30 @@ struct Log {
     lines: usize,
     /// What is wrong with the first garbled line, and where it is.
     first_garbled: Option<(usize, String)>,
+    /// What the user is told where the file breaks off.
+    cut_off: Option<String>,
 }
 
 impl Log {
-    /// Takes one line.
-    fn take(&mut self, line: &[u8]) {
+    /// Takes one line, and the memory for what it says; `None` when that is too much.
+    fn take(&mut self, line: &[u8], budget: &mut Budget) -> Option<()> {
+        let (scans, odometry) = (self.scans.len(), self.odometry.len());
+        self.take_line(line);
+        // Each becomes a record in the end.
+        budget.take::<(usize, StampedPose, Record)>(self.odometry.len() - odometry)?;
+        if self.scans.len() > scans
+            && let [.., scan] = &self.scans[..]
+        {
+            budget.take::<(LoggedScan, Record)>(1)?;
+            budget.take::<f32>(scan.ranges_m.len())?;
+            // Angles and times of the rays are held once for scans that are alike.
+            let is_alike = self.scans.iter().rev().nth(1).is_some_and(|before| before.layout == scan.layout);
+            budget.take::<[f64; 2]>(if is_alike { 0 } else { scan.ranges_m.len() })?;
+        }
+        Some(())
+    }
+
+    fn take_line(&mut self, line: &[u8]) {
         self.lines += 1;
         let mut tokens = Tokens::new(line);
         let Some(name) = tokens.next() else { return };
@@ -177,7 +203,7 @@ impl Log {
             };
             return Err(Problem::new(&file.path, found).expected(format!("{}, or ODOM lines", FORMAT.scans)).into());
         }
-        let mut notes = Vec::new();
+        let mut notes = Vec::from_iter(self.cut_off.clone());
         if self.dropped.count(DropReason::OtherLaser) > 0 {
             notes.push("scans of lasers other than the front one (RLASER and the like) are not used".to_owned());
         }
@@ -197,11 +223,16 @@ impl Log {
         let mark_m =
             no_return_mark_m(|| self.scans.iter().filter(is_used).flat_map(|scan| scan.ranges_m.iter().copied()));
         notes.push(match mark_m {
-            _ if self.scans.is_empty() => format!("no {}: there are no scans, so no map can be made", FORMAT.scans),
+            _ if self.scans.is_empty() => match &self.first_garbled {
+                Some((line, complaint)) => {
+                    format!("no line with a scan is whole, so no map can be made: line {line} {complaint}")
+                }
+                None => format!("no {}: there are no scans, so no map can be made", FORMAT.scans),
+            },
             Some(mark_m) => format!("readings of {mark_m} m and more mean that nothing came back"),
             None => "no reading stands out as the mark for \"nothing came back\"".to_owned(),
         });
-        let mut geometries = Geometries { parameters: &self.parameters, mark_m, known: Vec::new() };
+        let mut geometries = Geometries { parameters: &self.parameters, mark_m, known: BTreeMap::new() };
         let mut records = Vec::with_capacity(self.scans.len() + self.odometry.len());
         let mut odometry = self.odometry.into_iter().peekable();
         for (index, scan) in self.scans.into_iter().enumerate() {
@@ -370,19 +401,23 @@ fn usual_angles(count: usize) -> [f64; 2] {
     [-f64::to_radians(field_of_view_deg) / 2.0, f64::to_radians(step_deg)]
 }
 
+/// A layout as a key: the number of rays, and the bits of the stated angles and range.
+type LayoutKey = (usize, Option<[u64; 2]>, u32);
+
 /// The geometries that occur, made once each.
 struct Geometries<'a> {
     parameters: &'a Parameters,
     mark_m: Option<f32>,
-    known: Vec<(Layout, Arc<ScanGeometry>)>,
+    known: BTreeMap<LayoutKey, Arc<ScanGeometry>>,
 }
 
 impl Geometries<'_> {
     fn of(&mut self, layout: Layout) -> Arc<ScanGeometry> {
-        if let Some((_, geometry)) = self.known.iter().find(|(known, _)| *known == layout) {
+        let Layout { count, angles_rad, range_max_m } = layout;
+        let key = (count, angles_rad.map(|angles_rad| angles_rad.map(f64::to_bits)), range_max_m.to_bits());
+        if let Some(geometry) = self.known.get(&key) {
             return Arc::clone(geometry);
         }
-        let Layout { count, angles_rad, range_max_m } = layout;
         let stated = angles_rad.or_else(|| self.parameters.angles(count));
         let [start_rad, step_rad] = stated.unwrap_or_else(|| usual_angles(count));
         let geometry = Arc::new(ScanGeometry {
@@ -393,7 +428,7 @@ impl Geometries<'_> {
             range_max_m: self.mark_m.unwrap_or(range_max_m),
             below_minimum_is_no_return: false,
         });
-        self.known.push((layout, Arc::clone(&geometry)));
+        self.known.insert(key, Arc::clone(&geometry));
         geometry
     }
 }
@@ -575,10 +610,23 @@ mod tests {
     }
 
     #[test]
-    fn a_gzipped_log_that_was_cut_off_is_an_error() {
+    fn a_gzipped_log_that_was_cut_off_is_used_as_far_as_it_goes() {
         let bytes = gzip(small_log().as_bytes());
-        let error = read_bytes(bytes[..bytes.len() / 2].to_vec()).unwrap_err();
-        assert!(error.problem().advice.contains("cut off"), "{error}");
+        let log = read_bytes(bytes[..bytes.len() / 2].to_vec()).unwrap();
+        assert!((1..30).contains(&log.scans().count()));
+        assert_eq!(log.dropped.count(DropReason::MalformedLine), 1);
+        assert!(log.notes[0].contains("cut off or damaged") && log.notes[0].contains("first"), "{:?}", log.notes);
+    }
+
+    #[test]
+    fn what_unpacks_to_a_thousandfold_is_refused_unless_allowed() {
+        let lines = 3_500_000;
+        let bomb = gzip("ODOM 0 0 0 0 0 0 1.0 h 1\n".repeat(lines).as_bytes());
+        let error = read_bytes(bomb.clone()).map(|log| log.records.len()).unwrap_err();
+        assert!(error.problem().advice.contains("--max-expansion"), "{error}");
+        let source = Source::File(FileSource::new(Path::new("test.clf"), bomb).unwrap());
+        let options = OpenOptions { max_expansion: 1000.0, ..OpenOptions::default() };
+        assert_eq!(read(&source, &options).map(|log| log.records.len()).unwrap(), lines);
     }
 
     #[test]

@@ -9,12 +9,12 @@ use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::images::{ImageEntry, ImageIndex};
 use crate::npz::{Npz, problem};
+use crate::regular_file::read_regular;
 use crate::source::{FolderSource, InputHash, Source, folder_names};
 use crate::stamps::rising;
 use floorprint::SensorId;
 use floorprint::sensors::{EncoderReading, ImuReading, Record, RobotConfig, Scan, ScanGeometry};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -56,8 +56,9 @@ impl Part {
     }
 
     /// What a drive without this part cannot give.
-    fn loss(self) -> &'static str {
+    fn loss(self, present: &BTreeMap<Self, PathBuf>) -> &'static str {
         match self {
+            Self::Imu if !present.contains_key(&Self::Encoders) => "no IMU",
             Self::Encoders => "no encoders: the motion between scans comes from matching them",
             Self::Hokuyo => "no Hokuyo: there are no scans, so no map can be made",
             Self::Imu => "no IMU: yaw comes from the wheels",
@@ -101,7 +102,7 @@ fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
         }
         None => drives.pop_first().ok_or_else(|| Problem::new(&folder.path, "it holds no drive"))?,
     };
-    Drive::default().read(&folder.path, drive, &parts)
+    Drive { max_expansion: options.max_expansion, ..Drive::default() }.read(&folder.path, drive, &parts)
 }
 
 /// What has been read of a drive so far.
@@ -111,6 +112,8 @@ struct Drive {
     dropped: DropCounts,
     notes: Vec<String>,
     hash: InputHash,
+    /// How many times its size on disk a file may take in memory.
+    max_expansion: f64,
 }
 
 impl Drive {
@@ -119,12 +122,16 @@ impl Drive {
         let mut images = None;
         for part in Part::ALL {
             let Some(path) = parts.get(&part) else {
-                self.notes.push(part.loss().to_owned());
+                self.notes.push(part.loss(parts).to_owned());
                 continue;
             };
-            let bytes = fs::read(path).map_err(|error| ReadError::io(path, &error))?;
+            let bytes = read_regular(path)?;
             self.hash.add_content(path, &bytes);
-            let mut npz = Npz::new(path, &bytes)?;
+            let mut npz = Npz::new(path, &bytes, self.max_expansion)?;
+            if npz.is_cut_off() {
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                self.notes.push(format!("{name} was cut off: what is missing at its end counts as not measured"));
+            }
             match part {
                 Part::Encoders => self.read_encoders(&mut npz)?,
                 Part::Hokuyo => self.read_hokuyo(&mut npz)?,
@@ -155,6 +162,7 @@ impl Drive {
     /// unusable are added to the next one, so that no distance is lost.
     fn read_encoders(&mut self, npz: &mut Npz) -> Result<(), ReadError> {
         let stamps_s = npz.vector("time_stamps")?;
+        npz.take::<(Vec<f64>, Vec<f64>, Record)>(stamps_s.len())?;
         let counts = npz.columns::<f64>("counts", Some(4), stamps_s.len())?;
         let keep = rising(&stamps_s, false);
         let (mut left_ticks, mut right_ticks) = (0.0, 0.0);
@@ -180,6 +188,7 @@ impl Drive {
 
     fn read_imu(&mut self, npz: &mut Npz) -> Result<(), ReadError> {
         let stamps_s = npz.vector("time_stamps")?;
+        npz.take::<(Vec<f64>, Vec<f64>, Record)>(stamps_s.len())?;
         let angular = npz.columns::<f64>("angular_velocity", Some(3), stamps_s.len())?;
         let linear = npz.columns::<f64>("linear_acceleration", Some(3), stamps_s.len())?;
         let keep = rising(&stamps_s, true);
@@ -202,6 +211,7 @@ impl Drive {
 
     fn read_hokuyo(&mut self, npz: &mut Npz) -> Result<(), ReadError> {
         let stamps_s = npz.vector("time_stamps")?;
+        npz.take::<(Vec<f64>, Vec<f64>, Record)>(stamps_s.len())?;
         let scans = npz.columns::<f32>("ranges", None, stamps_s.len())?;
         let rays = scans.first().map_or(0, Vec::len);
         let geometry = Arc::new(read_geometry(npz, rays)?);
@@ -261,7 +271,9 @@ impl Drive {
             match listings.iter().find(|(_, names)| names.contains(&name)) {
                 None => self.dropped.add(DropReason::MissingImage),
                 Some(_) if !keep => self.dropped.add(DropReason::StampJump),
-                Some((place, _)) => entries.push(ImageEntry { stamp_s, path: place.join(name) }),
+                Some((place, _)) => {
+                    entries.push(ImageEntry { stamp_s, path: place.join(name), max_expansion: self.max_expansion })
+                }
             }
         }
         for entry in &entries {
@@ -299,8 +311,10 @@ fn read_geometry(npz: &mut Npz, rays: usize) -> Result<ScanGeometry, ReadError> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::budget::USUAL_EXPANSION;
     use crate::npy::tests::npy;
     use proptest::prelude::*;
+    use std::fs;
     use std::io::{Cursor, Write};
     use zip::write::SimpleFileOptions;
     use zip::{CompressionMethod, ZipWriter};
@@ -410,6 +424,56 @@ mod tests {
         assert!(with("angle_min", doubles("(2,)", &[0.0; 2])).contains("a single number"));
     }
 
+    #[test]
+    fn an_archive_that_was_cut_off_is_used_as_far_as_it_goes() {
+        let scans = 50;
+        let mut arrays = hokuyo([1.0, 2.0, 3.0]);
+        arrays.retain(|(name, _)| !["ranges", "time_stamps"].contains(name));
+        let stamps_s: Vec<f64> = (0..scans).map(f64::from).collect();
+        arrays.push(("time_stamps", doubles(&format!("({scans},)"), &stamps_s)));
+        let ranges: Vec<u8> = (0..scans * 8).flat_map(|k| (1.0 + f64::from(k) * 0.37).to_le_bytes()).collect();
+        arrays.push(("ranges", npy("<f8", true, &format!("(8, {scans})"), &ranges)));
+        for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
+            let whole = npz(&arrays, method);
+            let cut = whole[..whole.len() * 2 / 3].to_vec();
+            let drive = open(&folder(&[("Hokuyo1.npz", cut)])).unwrap();
+            let seen = drive.scans().filter(|scan| scan.ranges_m.iter().all(|range_m| range_m.is_finite())).count();
+            assert!((10..45).contains(&seen), "{seen}");
+            assert!(drive.notes.iter().any(|note| note.contains("cut off")), "{:?}", drive.notes);
+            let error = open(&folder(&[("Hokuyo1.npz", whole[..300].to_vec())])).unwrap_err().to_string();
+            assert!(error.contains("cut off") && error.contains("an array called"), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_unpacks_to_a_thousandfold_is_refused_unless_allowed() {
+        let count = 80_000_000;
+        let mut arrays = hokuyo([1.0, 2.0, 3.0]);
+        arrays.retain(|(name, _)| *name != "ranges");
+        arrays.push(("ranges", npy("|u1", false, &format!("({}, 3)", count / 3), &vec![5; count])));
+        let drive = folder(&[("Hokuyo1.npz", npz(&arrays, CompressionMethod::Deflated))]);
+        let error = open(&drive).unwrap_err();
+        assert!(error.problem().advice.contains("--max-expansion"), "{error}");
+        assert_eq!(error.problem().place, "array ranges");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn pipes_among_the_images_are_refused_at_once() {
+        let kinect = [("disparity_time_stamps", doubles("(1,)", &[1.0])), ("rgb_time_stamps", doubles("(1,)", &[1.5]))];
+        let files = [
+            ("Hokuyo7.npz", npz(&hokuyo([1.0, 2.0, 3.0]), CompressionMethod::Stored)),
+            ("Kinect7.npz", npz(&kinect, CompressionMethod::Stored)),
+            ("rgb7_1.png", vec![]),
+        ];
+        let folder = folder(&files);
+        let pipe = folder.path().join("disparity7_1.png");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let images = open(&folder).unwrap().images.unwrap();
+        let error = images.disparity[0].load_disparity().unwrap_err();
+        assert!(error.to_string().contains("a pipe or a device"), "{error}");
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(128))]
         #[test]
@@ -430,7 +494,7 @@ mod tests {
             }
             let path = Path::new("Hokuyo1.npz");
             let mut drive = Drive::default();
-            if let Ok(mut npz) = Npz::new(path, &bytes)
+            if let Ok(mut npz) = Npz::new(path, &bytes, USUAL_EXPANSION)
                 && drive.read_hokuyo(&mut npz).is_ok()
             {
                 prop_assert!(drive.records.len() <= 3);

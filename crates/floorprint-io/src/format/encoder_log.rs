@@ -43,22 +43,32 @@ fn recognises(source: &Source) -> bool {
     file.head_lines().any(|line| parse_line(line).is_some())
 }
 
-fn read(source: &Source, _options: &OpenOptions) -> Result<DataSet, ReadError> {
+fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
     let Source::File(file) = source else {
         return Err(Problem::new(source.path(), "a folder").expected("a log file").into());
     };
     let mut dropped = DropCounts::default();
     let mut readings = Vec::new();
+    let mut notes = vec!["no IMU: yaw comes from the wheels".to_owned()];
+    let mut budget = file.budget(options);
     let mut lines = Lines::new(file.content());
     loop {
         match lines.next_line() {
             Ok(Some(line)) if line.is_empty() || line.starts_with(b"#") => {}
             Ok(Some(line)) => match parse_line(line) {
-                Some(reading) => readings.push(reading),
+                Some(reading) => {
+                    let taken = budget.take::<f32>(RAYS).and_then(|()| budget.take::<(Reading, [Record; 2])>(1));
+                    taken.ok_or_else(|| budget.exceeded(&file.path))?;
+                    readings.push(reading);
+                }
                 None => dropped.add(DropReason::MalformedLine),
             },
             Ok(None) => break,
-            Err(error) => return Err(file.unreadable(lines.number(), &error)),
+            Err(error) => {
+                dropped.add(DropReason::MalformedLine);
+                notes.insert(0, file.cut_off_note(lines.number(), &error));
+                break;
+            }
         }
     }
     if readings.is_empty() {
@@ -66,7 +76,7 @@ fn read(source: &Source, _options: &OpenOptions) -> Result<DataSet, ReadError> {
             .expected("lines of numbers that end in 682 ranges")
             .into());
     }
-    Ok(data_set(file, readings, dropped))
+    Ok(data_set(file, readings, dropped, notes))
 }
 
 /// What a line holds.
@@ -88,7 +98,7 @@ fn parse_line(line: &[u8]) -> Option<Reading> {
     })
 }
 
-fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts) -> DataSet {
+fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts, notes: Vec<String>) -> DataSet {
     let geometry = Arc::new(ScanGeometry {
         angles_rad: (0..RAYS).map(|ray| (ray as f64 - AHEAD) * STEP_RAD).collect(),
         time_offsets_s: vec![0.0; RAYS],
@@ -124,7 +134,7 @@ fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts) 
         records,
         images: None,
         dropped,
-        notes: vec!["no IMU: yaw comes from the wheels".to_owned()],
+        notes,
         input_hash: file.hash(),
     }
 }

@@ -35,8 +35,11 @@ impl Format {
 pub(crate) fn recognise(source: &Source) -> Result<&'static Format, ReadError> {
     FORMATS.iter().find(|format| (format.recognises)(source)).ok_or_else(|| {
         let known: Vec<&str> = FORMATS.iter().map(|format| format.description).collect();
-        Problem::new(source.path(), "its content is of no known format")
-            .expected(format!("one of: {}", known.join("; ")))
-            .into()
+        let problem = match source {
+            Source::File(file) => file.unknown(),
+            Source::Folder(folder) => Problem::new(&folder.path, "its content is of no known format"),
+        };
+        let says_more = !problem.expected.is_empty();
+        if says_more { problem.into() } else { problem.expected(format!("one of: {}", known.join("; "))).into() }
     })
 }

@@ -11,10 +11,10 @@ pub struct LoopClosureConfig {
     pub enabled: bool,
     /// Scans are matched against what the last this many metres of the drive showed (between half of
     /// it and all of it): older places are connected in by closures, not by chance.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.1, max = 1000.0))]
     pub window_m: f64,
     /// Length of the path that makes one submap, metres.
-    #[schemars(range(min = 0.1))]
+    #[schemars(range(min = 0.1, max = 1000.0))]
     pub submap_length_m: f64,
     /// Largest number of older submaps that a submap is compared with.
     pub candidates: usize,
@@ -28,19 +28,19 @@ pub struct LoopClosureConfig {
     pub hypotheses: usize,
     /// Standard deviation of the position after one metre of scan matching, metres; grows with the
     /// square root of the path.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.0001, max = 10.0))]
     pub drift_sigma_m: f64,
     /// Standard deviation of the heading after one metre of scan matching, radians.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.00001, max = 3.2))]
     pub drift_sigma_rad: f64,
     /// A place counts as recognised when at least this share of a submap's surfaces lies on the other's.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub min_inlier_share: f64,
     /// Standard deviation that a closure has at least in position, metres.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.0001, max = 10.0))]
     pub closure_sigma_m: f64,
     /// Standard deviation that a closure has at least in heading, radians.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.00001, max = 3.2))]
     pub closure_sigma_rad: f64,
     /// How often every scan is fitted to the map of all of them in the end; 0 leaves the graph's result.
     #[schemars(range(min = 0, max = 100))]

@@ -10,6 +10,12 @@ use crate::frame::BodyScan;
 use crate::geometry::Pose2;
 use std::collections::BTreeSet;
 
+/// A raster of this many cells is drawn however few of them were seen: 200 m × 200 m in cells of 5 cm.
+const LARGEST_RASTER_CELLS: usize = 1 << 24;
+
+/// A larger one has at most so many cells for each that was seen.
+const EMPTY_CELLS_PER_SEEN: usize = 64;
+
 /// Log-odds are kept as 16-bit numbers in steps of 1/256.
 const STEPS_PER_UNIT: f64 = 256.0;
 
@@ -190,6 +196,9 @@ impl OccupancyGrid {
 
     /// The grid as a picture: the smallest rectangle that holds everything seen. A cell is
     /// occupied or free as its log-odds lean. `None` when nothing was seen.
+    ///
+    /// Where what was seen lies so far apart that the rectangle would be nearly empty and very large, 2×2,
+    /// 4×4 … cells are drawn as one, occupied if one of them is: see the raster's resolution.
     #[must_use]
     pub fn to_raster(&self) -> Option<Raster<Occupancy>> {
         let mut low = Cell { x: i32::MAX, y: i32::MAX };
@@ -210,17 +219,27 @@ impl OccupancyGrid {
         if low.x > high.x {
             return None;
         }
-        let (width, height) = ((high.x - low.x + 1) as usize, (high.y - low.y + 1) as usize);
+        let most_cells = LARGEST_RASTER_CELLS.max(self.seen_cells().count() * EMPTY_CELLS_PER_SEEN);
+        let side = |low: i32, high: i32, merged: i64| ((i64::from(high) - i64::from(low)) / merged + 1) as usize;
+        let mut merged = 1;
+        while side(low.x, high.x, merged).saturating_mul(side(low.y, high.y, merged)) > most_cells {
+            merged *= 2;
+        }
+        let (width, height) = (side(low.x, high.x, merged), side(low.y, high.y, merged));
         let mut cells = vec![Occupancy::Unknown; width * height];
         for (at, tile) in self.tiles.iter() {
             for (index, &value) in tile.0.iter().enumerate().filter(|(_, value)| **value != 0) {
                 let cell = cell_in_tile(at, index);
-                let index = (high.y - cell.y) as usize * width + (cell.x - low.x) as usize;
-                cells[index] = if value > 0 { Occupancy::Occupied } else { Occupancy::Free };
+                let index = (height - side(low.y, cell.y, merged)) * width + side(low.x, cell.x, merged) - 1;
+                if value > 0 {
+                    cells[index] = Occupancy::Occupied;
+                } else if cells[index] == Occupancy::Unknown {
+                    cells[index] = Occupancy::Free;
+                }
             }
         }
         let origin_m = [f64::from(low.x) * self.resolution_m, f64::from(low.y) * self.resolution_m];
-        Some(Raster { width, height, resolution_m: self.resolution_m, origin_m, cells })
+        Some(Raster { width, height, resolution_m: self.resolution_m * merged as f64, origin_m, cells })
     }
 
     /// Every cell that was seen, with its log-odds.
@@ -312,6 +331,23 @@ mod tests {
         assert_eq!(raster.cells[20 * 11], Occupancy::Free);
         assert_eq!(raster.cells[0], Occupancy::Unknown);
         assert!(OccupancyGrid::new(&MapConfig::default()).to_raster().is_none());
+    }
+
+    #[test]
+    fn what_lies_far_apart_is_drawn_in_larger_cells() {
+        let mut grid = OccupancyGrid::new(&MapConfig::default());
+        let ends = [Cell { x: -3, y: 7 }, Cell { x: 1_000_000, y: -2_000_000 }];
+        for &end in &ends {
+            grid.add(end, 300, &mut |_| {});
+        }
+        let raster = grid.to_raster().unwrap();
+        assert!(raster.cells.len() <= LARGEST_RASTER_CELLS, "{}×{}", raster.width, raster.height);
+        let resolution_m = MapConfig::default().resolution_m;
+        for end in ends {
+            let center_m = [end.x, end.y].map(|cell| (f64::from(cell) + 0.5) * resolution_m);
+            assert_eq!(raster.at(center_m), Some(&Occupancy::Occupied));
+        }
+        assert_eq!(raster.cells.iter().filter(|&&cell| cell != Occupancy::Unknown).count(), 2);
     }
 
     proptest! {

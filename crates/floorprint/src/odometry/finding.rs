@@ -66,8 +66,8 @@ pub enum Finding {
     Jumps {
         /// How many.
         count: usize,
-        /// Longer than this, metres.
-        beyond_m: f64,
+        /// The largest, metres.
+        largest_m: f64,
     },
     /// Scans at whose time the odometry said nothing.
     OutsideOdometry {
@@ -116,9 +116,10 @@ impl fmt::Display for Finding {
             Self::SteepRays { steep, rays } => {
                 write!(formatter, "rays of a scan that are too steep to see walls and are not used: {steep} of {rays}")
             }
-            Self::Jumps { count, beyond_m } => {
-                write!(formatter, "jumps of the odometry by more than {beyond_m} m, which were not believed: {count}")
-            }
+            Self::Jumps { count, largest_m } => write!(
+                formatter,
+                "jumps of the odometry faster than any robot, which were not believed: {count}; the largest {largest_m:.0} m"
+            ),
             Self::OutsideOdometry { scans } => {
                 write!(formatter, "scans outside the odometry's span, whose motion is unknown: {scans}")
             }

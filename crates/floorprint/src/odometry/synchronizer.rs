@@ -29,8 +29,11 @@ use std::collections::VecDeque;
 const SPAN_TOLERANCE_S: f64 = 0.1;
 /// Stamps of a LiDAR may run back by this much for the motion to be known still, seconds.
 const BACKWARDS_S: f64 = 2.0;
-/// No robot moves farther than this between two scans, metres.
-const LARGEST_STEP_M: f64 = 1000.0;
+/// No robot is faster than this, m/s.
+const FASTEST_M_S: f64 = 50.0;
+/// Steps that are no longer than this are the filter's to judge, however fast: a robot may be carried, and
+/// stamps may stand still, metres.
+const JUMP_M: f64 = 100.0;
 /// A reading is taken to repeat one of so many before it when all its numbers are the same.
 const REMEMBERED: usize = 8;
 
@@ -63,6 +66,7 @@ pub struct Synchronizer {
     usable: usize,
     unknown: usize,
     jumps: usize,
+    largest_jump_m: f64,
     /// The body's motion as it was told last, for LiDARs without odometry: m/s, m/s, rad/s.
     told_twist: Option<[f64; 3]>,
     summary: SynchronisationSummary,
@@ -164,6 +168,7 @@ impl Synchronizer {
             usable: 0,
             unknown: 0,
             jumps: 0,
+            largest_jump_m: 0.0,
             told_twist: None,
             summary: SynchronisationSummary {
                 source: wanted,
@@ -248,7 +253,7 @@ impl Synchronizer {
         }
         findings.extend(self.projections.findings());
         if self.jumps > 0 {
-            findings.push(Finding::Jumps { count: self.jumps, beyond_m: LARGEST_STEP_M });
+            findings.push(Finding::Jumps { count: self.jumps, largest_m: self.largest_jump_m });
         }
         if self.unknown > 0 && self.sources.chosen.is_some_and(|source| source != Source::Nothing) {
             findings.push(Finding::OutsideOdometry { scans: self.unknown });
@@ -427,8 +432,12 @@ impl Synchronizer {
             return (is_known, is_known.then_some(Pose2::IDENTITY), dead_reckoning);
         };
         let step = previous.dead_reckoning.between(&dead_reckoning);
-        let jumped = step.distance() > LARGEST_STEP_M;
-        self.jumps += usize::from(jumped);
+        let apart_s = (scan.stamp_s - previous.stamp_s).abs();
+        let jumped = step.distance() > JUMP_M + FASTEST_M_S * apart_s;
+        if jumped {
+            self.jumps += 1;
+            self.largest_jump_m = self.largest_jump_m.max(step.distance());
+        }
         (is_known, (is_known && previous.is_known && !jumped).then_some(step), dead_reckoning)
     }
 

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct MatcherConfig {
     /// Side of a cell of the map that is matched against, metres.
-    #[schemars(range(min = 0.005, max = 2.0))]
+    #[schemars(range(min = 0.005, max = 0.5))]
     pub cell_m: f64,
     /// Points of a scan are thinned to this distance along surfaces, metres.
     #[schemars(range(min = 0.0))]
@@ -27,16 +27,16 @@ pub struct MatcherConfig {
     #[schemars(range(min = 0.0))]
     pub stop_step_rad: f64,
     /// Standard deviation of a point's distance from a flat surface, metres.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.001, max = 10.0))]
     pub sigma_m: f64,
     /// Standard deviation of a point's distance from a surface without direction, metres.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.001, max = 10.0))]
     pub rough_sigma_m: f64,
     /// Scale of the robust weights during the approach, standard deviations.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.5, max = 100.0))]
     pub wide_gate_sigmas: f64,
     /// Scale of the robust weights once the scan lies about right, standard deviations.
-    #[schemars(extend("exclusiveMinimum" = 0.0))]
+    #[schemars(range(min = 0.5, max = 100.0))]
     pub gate_sigmas: f64,
     /// Points beyond this number no longer add certainty: their errors are not independent.
     #[schemars(extend("exclusiveMinimum" = 0.0))]

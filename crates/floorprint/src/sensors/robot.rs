@@ -40,7 +40,7 @@ pub struct LidarConfig {
     /// Where the LiDAR sits.
     pub mount: Mount,
     /// Time from the first ray of a scan to its last, seconds; 0 when unknown.
-    #[schemars(range(min = 0.0))]
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub sweep_duration_s: f64,
     /// Which moment of the sweep a scan's stamp names.
     pub stamp_at: StampAt,

@@ -45,11 +45,16 @@ pub fn no_return_mark_m<I: Iterator<Item = f32>>(ranges_m: impl Fn() -> I) -> Op
     let stands_out = |mark: u32, count: usize| {
         let range_m = f32::from_bits(mark);
         let below = occurrences.range(from(range_m * NEIGHBOURHOOD)..from(range_m * FAMILY));
-        let beyond: usize = occurrences.range(mark + 1..).map(|(_, &count)| count).sum();
         let busiest = below.map(|(_, &count)| count).max().unwrap_or(0);
-        range_m >= NEAREST_MARK_M && count >= least && count >= PROMINENCE * busiest && count >= beyond
+        range_m >= NEAREST_MARK_M && count >= least && count >= PROMINENCE * busiest
     };
-    let (&mark, &count) = occurrences.iter().rev().find(|&(&mark, &count)| stands_out(mark, count))?;
+    let mut beyond = 0;
+    let (&mark, &count) = occurrences.iter().rev().find(|&(&mark, &count)| {
+        // What outnumbers all beyond it at least doubles their number: few do, and only these are looked at.
+        let outnumbers = count >= beyond;
+        beyond += count;
+        outnumbers && stands_out(mark, count)
+    })?;
     let family = occurrences.range(from(f32::from_bits(mark) * FAMILY)..=mark);
     let members = family.filter(|&(_, &other)| other as f64 >= LEAST_SECOND_SHARE * count as f64);
     members.map(|(&member, _)| f32::from_bits(member)).next()

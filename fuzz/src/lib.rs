@@ -1,0 +1,189 @@
+//! What each fuzz target does with bytes: it must end soon, and neither panic nor take much memory.
+//!
+//! The targets run these with libFuzzer; the tests of `floorprint-io` run them with the corpus.
+
+use floorprint::config::Preset;
+use floorprint::geometry::Pose2;
+use floorprint::sensors::{Record, Scan, ScanGeometry};
+use floorprint::{Config, Frames, SensorId, Slam};
+use floorprint_io::{OpenOptions, open, read_floor, read_g2o, read_map, read_png, read_relations, read_trajectory};
+use floorprint_io::{write_g2o, write_trajectory};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A target: its name, which is that of its folder in the corpus, and what it does.
+pub type Target = (&'static str, fn(&[u8]));
+
+/// All targets.
+pub const TARGETS: [Target; 11] = [
+    ("carmen", carmen),
+    ("encoder_log", encoder_log),
+    ("ece276a", ece276a),
+    ("trajectory", trajectory),
+    ("relations", relations),
+    ("g2o", g2o),
+    ("map_yaml", map_yaml),
+    ("pgm", pgm),
+    ("png", png),
+    ("floor", floor),
+    ("slam", slam),
+];
+
+/// A folder of this thread's own, in memory where the system has one there.
+fn folder() -> PathBuf {
+    let memory = Path::new("/dev/shm");
+    let place = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
+    let thread = format!("{:?}", std::thread::current().id());
+    let number: String = thread.chars().filter(char::is_ascii_digit).collect();
+    let folder = place.join(format!("floorprint-fuzz-{}-{number}", std::process::id()));
+    let _ = fs::create_dir(&folder);
+    folder
+}
+
+/// Puts files into a folder of their own, looks at them, and removes them.
+fn with_files(files: &[(&str, &[u8])], look: impl FnOnce(&Path)) {
+    let folder = folder();
+    for (name, bytes) in files {
+        fs::write(folder.join(name), bytes).expect("a file in the scratch folder");
+    }
+    look(&folder);
+    let _ = fs::remove_dir_all(&folder);
+}
+
+/// Opens a file as a data set, and makes frames of what is in it.
+fn open_file(name: &str, bytes: &[u8]) {
+    with_files(&[(name, bytes)], |folder| opened(&folder.join(name)));
+}
+
+fn opened(path: &Path) {
+    let Ok(data_set) = open(path, &OpenOptions::default()) else { return };
+    assert!(data_set.scans().all(|scan| scan.geometry.len() == scan.ranges_m.len()));
+    let Ok(config) = Config::resolve(&[floorprint::config::Layer::from_robot(&data_set.robot)]) else { return };
+    if let Ok(frames) = Frames::new(&data_set.records, &config) {
+        assert!(frames.iter().take(100).all(|frame| frame.motion.is_none_or(|motion| motion.is_finite())));
+    }
+}
+
+/// A CARMEN log, plain or gzipped.
+pub fn carmen(bytes: &[u8]) {
+    open_file("log.clf", bytes);
+}
+
+/// An encoder log: the bytes, and a line of theirs behind what makes the format known.
+pub fn encoder_log(bytes: &[u8]) {
+    let line = [b"1000 0 5 6 ".as_slice(), &b"1500 ".repeat(682), b"\n", bytes].concat();
+    open_file("log.dat", &line);
+}
+
+/// The archives of a course folder: the same bytes for each.
+pub fn ece276a(bytes: &[u8]) {
+    let names = ["Encoders1.npz", "Hokuyo1.npz", "Imu1.npz", "Kinect1.npz"];
+    for name in names {
+        with_files(&[(name, bytes)], opened);
+    }
+}
+
+/// A trajectory: what is read is written and read again as it was.
+pub fn trajectory(bytes: &[u8]) {
+    with_files(&[("t.tum", bytes)], |folder| {
+        if let Ok(poses) = read_trajectory(&folder.join("t.tum")) {
+            let again = folder.join("again.tum");
+            write_trajectory(&again, &poses).expect("a trajectory in the scratch folder");
+            assert_eq!(read_trajectory(&again).map(|poses| poses.len()).ok(), Some(poses.len()));
+        }
+    });
+}
+
+/// Relations of the benchmark.
+pub fn relations(bytes: &[u8]) {
+    with_files(&[("t.relations", bytes)], |folder| drop(read_relations(&folder.join("t.relations"))));
+}
+
+/// A pose graph: what is written can be read.
+pub fn g2o(bytes: &[u8]) {
+    with_files(&[("a.g2o", bytes)], |folder| {
+        if let Ok(graph) = read_g2o(&folder.join("a.g2o")) {
+            let again = folder.join("again.g2o");
+            write_g2o(&again, &graph).expect("what was read can be written");
+            read_g2o(&again).expect("what was written can be read");
+        }
+    });
+}
+
+/// A map's description, with a small picture.
+pub fn map_yaml(bytes: &[u8]) {
+    let picture = b"P5\n3 2\n255\n\x00\xfe\xcd\x00\xfe\xcd";
+    with_files(&[("map.yaml", bytes), ("map.pgm", picture)], |folder| drop(read_map(&folder.join("map.yaml"))));
+}
+
+/// A map's picture.
+pub fn pgm(bytes: &[u8]) {
+    let description = b"image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0.3]\n";
+    with_files(&[("map.yaml", description), ("map.pgm", bytes)], |folder| drop(read_map(&folder.join("map.yaml"))));
+}
+
+/// A picture.
+pub fn png(bytes: &[u8]) {
+    with_files(&[("a.png", bytes)], |folder| drop(read_png(&folder.join("a.png"))));
+}
+
+/// A floor's description, with a picture that is none.
+pub fn floor(bytes: &[u8]) {
+    with_files(&[("floor.json", bytes), ("floor.png", b"\x89PNG")], |folder| {
+        drop(read_floor(&folder.join("floor.json")));
+    });
+}
+
+/// Rays of a scan of the `slam` target.
+const RAYS: usize = 24;
+
+/// A drive: a byte for the preset, then for each scan a motion of three bytes and a byte for each ray.
+pub fn slam(bytes: &[u8]) {
+    let Some((&first, rest)) = bytes.split_first() else { return };
+    let preset = Preset::ALL[usize::from(first) % Preset::ALL.len()];
+    let settings = ["filter.particles=3", "matcher.search_below_inlier_share=0.5", "loop_closure.submap_length_m=0.5"];
+    let layers: Result<Vec<_>, _> = std::iter::once(Ok(preset.layer()))
+        .chain(settings.iter().map(|setting| floorprint::config::Layer::from_setting(setting)))
+        .collect();
+    let config = layers.and_then(|layers| Config::resolve(&layers)).expect("settings within their bounds");
+    let step_rad = 6.0 / RAYS as f64;
+    let geometry = Arc::new(ScanGeometry {
+        angles_rad: (0..RAYS).map(|ray| -3.0 + ray as f64 * step_rad).collect(),
+        time_offsets_s: vec![0.0; RAYS],
+        range_min_m: 0.1,
+        range_max_m: 25.0,
+        below_minimum_is_no_return: false,
+    });
+    let mut pose = Pose2::IDENTITY;
+    let records: Vec<Record> = rest
+        .chunks_exact(3 + RAYS)
+        .take(60)
+        .enumerate()
+        .map(|(index, scan)| {
+            // An odd first byte leaps; else the robot moves by centimetres.
+            let signed = |byte: u8| f64::from(i8::from_ne_bytes([byte]));
+            let unit_m = if scan[0] % 16 == 15 { 1e3 } else { 0.01 };
+            pose = pose.compose(&Pose2::new(unit_m * signed(scan[0]), 0.002 * signed(scan[1]), 0.02 * signed(scan[2])));
+            Record::Scan(Scan {
+                sensor: SensorId::default(),
+                stamp_s: index as f64 * 0.2,
+                ranges_m: scan[3..].iter().map(|&byte| f32::from(byte) * 0.1).collect(),
+                geometry: Arc::clone(&geometry),
+                odometry: Some(pose),
+            })
+        })
+        .collect();
+    let Ok(frames) = Frames::new(&records, &config) else { return };
+    let mut slam = Slam::new(&config);
+    let mut taken = 0;
+    for frame in frames.iter() {
+        if let Ok(step) = slam.process(&frame) {
+            assert!(step.pose.is_finite(), "{step:?}");
+            taken += 1;
+        }
+    }
+    let result = slam.finish();
+    assert_eq!(result.trajectory.len(), taken);
+    assert!(result.trajectory.iter().all(|stamped| stamped.pose.is_finite()));
+}
