@@ -2,9 +2,11 @@
 
 use crate::outcome::Outcome;
 use crate::terminal::{HEADING, Terminal};
+use crate::topics::Topics;
+use anyhow::bail;
 use clap::Args;
 use floorprint::sensors::{Ray, Record, RobotConfig, Scan};
-use floorprint_io::{DataSet, OpenOptions, open};
+use floorprint_io::{DataSet, RoleChoice, TopicSummary, open};
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -17,6 +19,8 @@ pub(crate) struct Arguments {
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
     drive: Option<u32>,
+    #[command(flatten)]
+    topics: Topics,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -24,7 +28,7 @@ pub(crate) struct Arguments {
 
 /// Runs `floorprint info`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
-    let data_set = open(&arguments.path, &OpenOptions { drive: arguments.drive })?;
+    let data_set = open(&arguments.path, &arguments.topics.open_options(arguments.drive))?;
     let info = Info::of(&data_set);
     let mut out = terminal.results();
     if arguments.json {
@@ -33,6 +37,13 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         info.print(&mut out)?;
     }
     out.flush()?;
+    if let (Some(bag), None) = (&data_set.bag, data_set.scans().next()) {
+        bail!(
+            "no map can be made of {}: it holds no scan; its topics: {}",
+            arguments.path.display(),
+            bag.list_of_topics()
+        );
+    }
     Ok(Outcome::Fine)
 }
 
@@ -41,6 +52,10 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 struct Info {
     format: &'static str,
     sha256: String,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    topics: Vec<TopicSummary>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    roles: Vec<RoleChoice>,
     sensors: Vec<Stream>,
     lidar: Option<Lidar>,
     calibration: RobotConfig,
@@ -103,6 +118,8 @@ impl Info {
         Self {
             format: data_set.format.description,
             sha256: data_set.input_hash.clone(),
+            topics: data_set.bag.as_ref().map_or_else(Vec::new, |bag| bag.topics.clone()),
+            roles: data_set.bag.as_ref().map_or_else(Vec::new, |bag| bag.roles.clone()),
             sensors: streams.iter().filter_map(|(sensor, stamps)| Stream::of(sensor, stamps)).collect(),
             lidar: Lidar::of(data_set.scans()),
             calibration: data_set.robot.clone(),
@@ -118,6 +135,7 @@ impl Info {
     fn print(&self, out: &mut impl Write) -> anyhow::Result<()> {
         writeln!(out, "{HEADING}{}{HEADING:#}", self.format)?;
         writeln!(out, "sha256 {}\n", self.sha256)?;
+        self.print_topics(out)?;
         writeln!(
             out,
             "{HEADING}{:<18}{:>9}{:>11}{:>12}{:>14}{:>7}{:>11}{HEADING:#}",
@@ -161,6 +179,38 @@ impl Info {
         for line in toml::to_string(&self.calibration)?.lines() {
             writeln!(out, "  {line}")?;
         }
+        Ok(())
+    }
+}
+
+impl Info {
+    /// What is in a recording of topics, and what is used of it.
+    fn print_topics(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        if self.topics.is_empty() {
+            return Ok(());
+        }
+        let widest = |texts: &mut dyn Iterator<Item = &String>| texts.map(|text| text.len()).max().unwrap_or(0);
+        let name = widest(&mut self.topics.iter().map(|topic| &topic.name)).max("topic".len());
+        let kind = widest(&mut self.topics.iter().map(|topic| &topic.type_name)).max("type".len());
+        writeln!(
+            out,
+            "{HEADING}{:<name$}  {:<kind$}  {:>8}  {:>8}  frames{HEADING:#}",
+            "topic", "type", "messages", "rate Hz"
+        )?;
+        for topic in &self.topics {
+            let TopicSummary { name: topic_name, type_name, messages, rate_hz, frames, .. } = topic;
+            let frames = frames.join(", ");
+            writeln!(
+                out,
+                "{}",
+                format!("{topic_name:<name$}  {type_name:<kind$}  {messages:>8}  {rate_hz:>8.2}  {frames}").trim_end()
+            )?;
+        }
+        writeln!(out)?;
+        for RoleChoice { role, what, reason } in &self.roles {
+            writeln!(out, "{HEADING}{role:<10}{HEADING:#} {what}: {reason}")?;
+        }
+        writeln!(out)?;
         Ok(())
     }
 }

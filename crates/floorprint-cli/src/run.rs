@@ -11,6 +11,7 @@ use crate::solve::{Surroundings, solve};
 use crate::stopwatch::Stopwatch;
 use crate::summary;
 use crate::terminal::Terminal;
+use crate::topics::Topics;
 use crate::truth::TruthFiles;
 use anyhow::Context as _;
 use clap::Args;
@@ -27,6 +28,8 @@ pub(crate) struct Arguments {
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
     drive: Option<u32>,
+    #[command(flatten)]
+    topics: Topics,
     #[command(flatten)]
     settings: Settings,
     #[command(flatten)]
@@ -71,8 +74,8 @@ impl Work {
 pub(crate) struct Task<'a> {
     /// Data set.
     pub(crate) path: &'a Path,
-    /// Number of the drive.
-    pub(crate) drive: Option<u32>,
+    /// Which drive and which topics.
+    pub(crate) options: OpenOptions,
     /// Configuration.
     pub(crate) settings: &'a Settings,
     /// Threads and extras.
@@ -92,7 +95,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     });
     let task = Task {
         path: &arguments.path,
-        drive: arguments.drive,
+        options: arguments.topics.open_options(arguments.drive),
         settings: &arguments.settings,
         work: &arguments.work,
         out: &out,
@@ -127,7 +130,7 @@ impl Task<'_> {
         let mut stopwatch = Stopwatch::start(Phase::Read);
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
-        let data_set = open(self.path, &OpenOptions { drive: self.drive })?;
+        let data_set = open(self.path, &self.options)?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
         for note in &data_set.notes {
             terminal.note(note);
@@ -145,7 +148,7 @@ impl Task<'_> {
         stopwatch.enter(Phase::Evaluate);
         let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
         let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
-        report.errors = TruthFiles::beside(self.path).errors(&solution, &map, &config, &mut report.notes)?;
+        report.errors = TruthFiles::beside(self.path).errors(&data_set, &solution, &map, &config, &mut report.notes)?;
         stopwatch.enter(Phase::Write);
         if let Some(snapshots) = &snapshots {
             snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
@@ -172,7 +175,14 @@ mod tests {
         let (log, out) = (folder.path().join("drive.clf"), folder.path().join("runs/drive"));
         fs::write(&log, "FLASER 3 2.0 2.0 2.0 0 0 0 0 0 0 1.0 host 1.0\n").unwrap();
         let (settings, work) = (Settings::default(), Work::default());
-        let task = Task { path: &log, drive: None, settings: &settings, work: &work, out: &out, force: false };
+        let task = Task {
+            path: &log,
+            options: OpenOptions::default(),
+            settings: &settings,
+            work: &work,
+            out: &out,
+            force: false,
+        };
         let interrupt = Interrupt::default();
         interrupt.request();
         assert!(task.solve_and_write(&Terminal::new(true), &interrupt).unwrap().is_none());

@@ -24,7 +24,10 @@ mod source;
 mod stamps;
 mod trajectory;
 
-pub use data_set::{DataSet, DropCounts, DropReason, OpenOptions, open};
+pub use data_set::{
+    BagContents, DataSet, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice, TopicSummary,
+    open,
+};
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
 pub use floor_file::{read_floor, write_floor};

@@ -44,7 +44,7 @@ fn with_two_scans(mut drive: DataSet) -> DataSet {
 }
 
 fn open_drive(folder: &Path, number: u32) -> DataSet {
-    open(folder, &OpenOptions { drive: Some(number) }).unwrap()
+    open(folder, &OpenOptions { drive: Some(number), ..OpenOptions::default() }).unwrap()
 }
 
 /// Root mean square of how far the wheels' and the gyro's turn disagree, mrad per 25 ms.

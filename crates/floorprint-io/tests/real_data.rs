@@ -145,13 +145,13 @@ fn parts_that_are_missing_are_named() {
     let folder = data.join("ece276a/real");
     let error = open(&folder, &OpenOptions::default()).unwrap_err();
     assert!(error.to_string().contains("20, 21, 23"), "{error}");
-    let drive = open(&folder, &OpenOptions { drive: Some(23) }).unwrap();
+    let drive = open(&folder, &OpenOptions { drive: Some(23), ..OpenOptions::default() }).unwrap();
     assert!(drive.scans().next().is_none() && drive.robot.wheels.is_some() && drive.robot.camera.is_none());
     assert!(
         drive.notes.iter().any(|note| note.contains("Hokuyo"))
             && drive.notes.iter().any(|note| note.contains("Kinect"))
     );
-    let without_images = open(&folder, &OpenOptions { drive: Some(20) }).unwrap();
+    let without_images = open(&folder, &OpenOptions { drive: Some(20), ..OpenOptions::default() }).unwrap();
     assert_eq!(without_images.dropped.count(DropReason::MissingImage), 2407 + 2289);
     assert!(without_images.images.is_none() && without_images.robot.camera.is_none());
 }

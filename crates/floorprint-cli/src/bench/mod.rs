@@ -17,6 +17,7 @@ use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
 use crate::stopwatch::children_cpu_time_s;
 use crate::terminal::Terminal;
+use crate::topics::Topics;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -44,7 +45,7 @@ use std::time::{Duration, Instant};
 /// growth.svg with --growth. Ctrl-C ends it with the table of the runs so far.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, ECE276A folders).
+    /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, bags, ECE276A folders).
     #[arg(value_name = "DIR")]
     paths: Vec<PathBuf>,
     /// Simulated world to drive through and compare with its truth. Can be repeated.
@@ -69,6 +70,8 @@ pub(crate) struct Arguments {
     /// Paint the floor, too, where there are images.
     #[arg(long)]
     texture: bool,
+    #[command(flatten)]
+    topics: Topics,
     #[command(flatten)]
     lidar: Lidar,
     /// Folder of the results.
@@ -220,7 +223,10 @@ fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     let mut cases: Vec<Case> = data_sets::find(&arguments.paths)?.into_iter().map(Case::DataSet).collect();
     if cases.is_empty() && !arguments.paths.is_empty() {
         let paths: Vec<String> = arguments.paths.iter().map(|path| path.display().to_string()).collect();
-        bail!("no data sets in {}; expected .clf, .log or .dat files (also .gz), or ECE276A folders", paths.join(", "));
+        bail!(
+            "no data sets in {}; expected .clf, .log or .dat files (also .gz), bags, or ECE276A folders",
+            paths.join(", ")
+        );
     }
     cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
     cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
@@ -284,6 +290,7 @@ impl Arguments {
                 if !self.texture {
                     command.arg("--no-texture");
                 }
+                self.topics.pass_on(&mut command);
             }
             Case::World(name) => {
                 command.args(["bench-drive", "--world", name]);

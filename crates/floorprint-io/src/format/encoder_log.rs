@@ -22,6 +22,7 @@ pub(super) const FORMAT: Format = Format {
     name: "encoder_log",
     description: "an encoder log (lines of time, counts and 682 ranges)",
     scans: "lines with 682 ranges",
+    has_topics: false,
     recognises,
     read,
 };
@@ -126,6 +127,7 @@ fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts) 
         dropped,
         notes: vec!["no IMU: yaw comes from the wheels".to_owned()],
         input_hash: file.hash(),
+        bag: None,
     }
 }
 
