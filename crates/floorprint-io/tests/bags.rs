@@ -247,6 +247,8 @@ fn roles_are_chosen_by_what_is_there() {
         (lidar(1).mount.y_m - 0.1).abs() < 1e-9 && (lidar(1).mount.roll_rad.abs() - std::f64::consts::PI).abs() < 1e-9
     );
     assert_eq!(data_set.scans().filter(|scan| scan.sensor == SensorId(1)).count(), 40);
+    let config = Config::resolve(&[Layer::from_robot(&data_set.robot)]).unwrap();
+    assert_eq!(config.robot, data_set.robot);
     let poses = data_set.records.iter().filter(|record| matches!(record, Record::Odometry(_))).count();
     assert_eq!(poses, 40);
 }

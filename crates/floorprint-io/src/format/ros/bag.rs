@@ -20,6 +20,9 @@ use std::sync::Arc;
 /// Most geometries of scans that are remembered; what changes more often is made anew.
 const KEPT_GEOMETRIES: usize = 16;
 
+/// No LiDAR measures nearer than this, whatever its messages state, metres: a range of 0 is none.
+const NEAREST_M: f32 = 1e-3;
+
 /// Reads a recording.
 pub(super) fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
     let path = source.path();
@@ -239,7 +242,7 @@ impl<'a> Records<'a> {
         let geometry = Arc::new(ScanGeometry {
             angles_rad: (0..rays).map(|ray| scan.angle_min_rad + ray as f64 * scan.angle_increment_rad).collect(),
             time_offsets_s: (0..rays).map(|ray| (ray as f64 * step_s) as f32).collect(),
-            range_min_m: if scan.range_min_m > 0.0 { scan.range_min_m } else { f32::MIN_POSITIVE },
+            range_min_m: if scan.range_min_m > 0.0 { scan.range_min_m } else { NEAREST_M },
             range_max_m: if scan.range_max_m > 0.0 { scan.range_max_m } else { f32::INFINITY },
             below_minimum_is_no_return: false,
         });
