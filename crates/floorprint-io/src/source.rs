@@ -1,7 +1,7 @@
 //! The input as it lies on disk: a file's bytes or a folder's listing.
 
 use crate::error::{Problem, ReadError};
-use crate::format::{ZSTD_HEAD_BYTES, ZSTD_MAGIC, begins_like_recording};
+use crate::format::begins_like_recording;
 use flate2::bufread::GzDecoder;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
@@ -59,9 +59,6 @@ impl Source {
         let mut file = File::open(path).map_err(refused)?;
         let mut bytes = Vec::new();
         (&mut file).take(HEAD_BYTES).read_to_end(&mut bytes).map_err(refused)?;
-        if bytes.starts_with(&ZSTD_MAGIC) {
-            (&mut file).take(ZSTD_HEAD_BYTES - HEAD_BYTES).read_to_end(&mut bytes).map_err(refused)?;
-        }
         if begins_like_recording(&bytes) {
             return Ok(Self::File(FileSource { path: path.to_path_buf(), bytes: None, head: bytes }));
         }

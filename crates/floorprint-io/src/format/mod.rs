@@ -9,7 +9,7 @@ use crate::data_set::{DataSet, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::source::Source;
 
-pub(crate) use ros::{ZSTD_HEAD_BYTES, ZSTD_MAGIC, begins_like_recording};
+pub(crate) use ros::begins_like_recording;
 
 /// All formats, in the order in which they are tried.
 const FORMATS: [Format; 4] = [ros::FORMAT, ece276a::FORMAT, carmen::FORMAT, encoder_log::FORMAT];

@@ -9,10 +9,7 @@ use std::io::{self, BufRead, BufReader, Cursor, Read};
 const BUFFER_BYTES: usize = 1 << 17;
 
 /// How zstd data begin.
-pub(crate) const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
-
-/// Within this the first block of zstd data ends, bytes: blocks are of 128 KiB at the most.
-pub(crate) const ZSTD_HEAD_BYTES: u64 = 1 << 18;
+pub(super) const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 
 /// Why no more can be read.
 #[derive(Debug)]

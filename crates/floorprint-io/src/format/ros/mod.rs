@@ -22,7 +22,6 @@ mod transforms;
 
 use super::Format;
 
-pub(crate) use input::{ZSTD_HEAD_BYTES, ZSTD_MAGIC};
 pub(crate) use recording::begins_like_recording;
 
 pub(super) const FORMAT: Format = Format {

@@ -1,6 +1,6 @@
 //! A recording as it lies on disk: one file or several, each in its container, packed or not.
 
-use super::input::{ZSTD_HEAD_BYTES, ZSTD_MAGIC, ZstdFrames};
+use super::input::{ZSTD_MAGIC, ZstdFrames};
 use super::{Encoding, MessageSource, RawMessage};
 use super::{bag1, mcap, rosbag2};
 use crate::error::{Problem, ReadError};
@@ -17,18 +17,9 @@ const STORAGE_ENDINGS: [&str; 4] = [".db3", ".mcap", ".db3.zstd", ".mcap.zstd"];
 /// How the containers begin.
 const MAGICS: [&[u8]; 3] = [bag1::MAGIC, mcap::MAGIC, rosbag2::MAGIC];
 
-/// Whether a file begins like a container, perhaps a packed one.
+/// Whether a file begins like a container, or like one that is packed: nothing else that is read is packed so.
 pub(crate) fn begins_like_recording(head: &[u8]) -> bool {
-    let begins = |head: &[u8]| MAGICS.iter().any(|magic| head.starts_with(magic));
-    begins(head) || (head.starts_with(&ZSTD_MAGIC) && begins(&zstd_head(head)))
-}
-
-/// The first bytes of what is packed.
-fn zstd_head(packed: &[u8]) -> Vec<u8> {
-    let mut head = Vec::new();
-    // What the beginning cannot tell does not matter.
-    let _ = ZstdFrames::new(packed).take(16).read_to_end(&mut head);
-    head
+    MAGICS.iter().any(|magic| head.starts_with(magic)) || head.starts_with(&ZSTD_MAGIC)
 }
 
 /// Whether a file or folder is a recording.
@@ -109,11 +100,17 @@ impl<'a> Recording<'a> {
 impl Part<'_> {
     fn open(path: &Path) -> Result<Self, ReadError> {
         let refused = |error: io::Error| ReadError::io(path, &error);
-        let mut head = Vec::new();
-        File::open(path).and_then(|file| file.take(ZSTD_HEAD_BYTES).read_to_end(&mut head)).map_err(refused)?;
+        let begins = |reader: &mut dyn Read| -> io::Result<Vec<u8>> {
+            let mut head = Vec::new();
+            reader.take(rosbag2::MAGIC.len() as u64).read_to_end(&mut head)?;
+            Ok(head)
+        };
+        let mut head = File::open(path).and_then(|mut file| begins(&mut file)).map_err(refused)?;
         let is_packed = head.starts_with(&ZSTD_MAGIC);
         if is_packed {
-            head = zstd_head(&head);
+            // Unpacking gives nothing before a whole window is read. What fails is told when messages are read.
+            let file = File::open(path).map_err(refused)?;
+            head = begins(&mut ZstdFrames::new(BufReader::new(file))).unwrap_or_default();
         }
         if !head.starts_with(rosbag2::MAGIC) {
             return Ok(Self::Stream { path: path.to_path_buf(), is_packed });
