@@ -7,6 +7,7 @@ use crate::terminal::Terminal;
 use crate::{simulate, summary};
 use clap::Args;
 use floorprint::simulator::{self, SimulationConfig, World};
+use floorprint_io::OpenOptions;
 use std::path::PathBuf;
 
 /// World that is driven through.
@@ -32,7 +33,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     arguments.work.pool()?.install(|| simulate::write(&simulated, &drive, 1, true, terminal))?;
     let task = Task {
         path: &drive,
-        drive: None,
+        options: OpenOptions::default(),
         settings: &arguments.settings,
         work: &arguments.work,
         out: &results,

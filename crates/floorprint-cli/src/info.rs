@@ -3,9 +3,11 @@
 use crate::number::number;
 use crate::outcome::Outcome;
 use crate::terminal::{HEADING, Terminal};
+use crate::topics::Topics;
+use anyhow::bail;
 use clap::Args;
 use floorprint::sensors::{Ray, Record, RobotConfig, Scan};
-use floorprint_io::{DataSet, OpenOptions, USUAL_EXPANSION, open};
+use floorprint_io::{DataSet, RoleChoice, TopicSummary, open};
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;
@@ -22,6 +24,8 @@ pub(crate) struct Arguments {
     /// is refused [default: 64].
     #[arg(long, value_name = "TIMES", value_parser = number(0.0, 1e9))]
     max_expansion: Option<f64>,
+    #[command(flatten)]
+    topics: Topics,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -29,8 +33,7 @@ pub(crate) struct Arguments {
 
 /// Runs `floorprint info`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
-    let options =
-        OpenOptions { drive: arguments.drive, max_expansion: arguments.max_expansion.unwrap_or(USUAL_EXPANSION) };
+    let options = arguments.topics.open_options(arguments.drive, arguments.max_expansion);
     let data_set = open(&arguments.path, &options)?;
     let info = Info::of(&data_set);
     let mut out = terminal.results();
@@ -40,6 +43,13 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         info.print(&mut out)?;
     }
     out.flush()?;
+    if let (Some(bag), None) = (&data_set.bag, data_set.scans().next()) {
+        bail!(
+            "no map can be made of {}: it holds no scan; its topics: {}",
+            arguments.path.display(),
+            bag.list_of_topics()
+        );
+    }
     Ok(Outcome::Fine)
 }
 
@@ -48,6 +58,10 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 struct Info {
     format: &'static str,
     sha256: String,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    topics: Vec<TopicSummary>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    roles: Vec<RoleChoice>,
     sensors: Vec<Stream>,
     lidar: Option<Lidar>,
     calibration: RobotConfig,
@@ -111,6 +125,8 @@ impl Info {
         Self {
             format: data_set.format.description,
             sha256: data_set.input_hash.clone(),
+            topics: data_set.bag.as_ref().map_or_else(Vec::new, |bag| bag.topics.clone()),
+            roles: data_set.bag.as_ref().map_or_else(Vec::new, |bag| bag.roles.clone()),
             sensors: streams.iter().filter_map(|(sensor, stamps)| Stream::of(sensor, stamps)).collect(),
             lidar: Lidar::of(data_set.scans()),
             calibration: data_set.robot.clone(),
@@ -126,6 +142,7 @@ impl Info {
     fn print(&self, out: &mut impl Write) -> anyhow::Result<()> {
         writeln!(out, "{HEADING}{}{HEADING:#}", self.format)?;
         writeln!(out, "sha256 {}\n", self.sha256)?;
+        self.print_topics(out)?;
         writeln!(
             out,
             "{HEADING}{:<18}{:>9}{:>11}{:>12}{:>14}{:>7}{:>11}{HEADING:#}",
@@ -169,6 +186,38 @@ impl Info {
         for line in toml::to_string(&self.calibration)?.lines() {
             writeln!(out, "  {line}")?;
         }
+        Ok(())
+    }
+}
+
+impl Info {
+    /// What is in a recording of topics, and what is used of it.
+    fn print_topics(&self, out: &mut impl Write) -> anyhow::Result<()> {
+        if self.topics.is_empty() {
+            return Ok(());
+        }
+        let widest = |texts: &mut dyn Iterator<Item = &String>| texts.map(|text| text.len()).max().unwrap_or(0);
+        let name = widest(&mut self.topics.iter().map(|topic| &topic.name)).max("topic".len());
+        let kind = widest(&mut self.topics.iter().map(|topic| &topic.type_name)).max("type".len());
+        writeln!(
+            out,
+            "{HEADING}{:<name$}  {:<kind$}  {:>8}  {:>8}  frames{HEADING:#}",
+            "topic", "type", "messages", "rate Hz"
+        )?;
+        for topic in &self.topics {
+            let TopicSummary { name: topic_name, type_name, messages, rate_hz, frames, .. } = topic;
+            let frames = frames.join(", ");
+            writeln!(
+                out,
+                "{}",
+                format!("{topic_name:<name$}  {type_name:<kind$}  {messages:>8}  {rate_hz:>8.2}  {frames}").trim_end()
+            )?;
+        }
+        writeln!(out)?;
+        for RoleChoice { role, what, reason } in &self.roles {
+            writeln!(out, "{HEADING}{role:<10}{HEADING:#} {what}: {reason}")?;
+        }
+        writeln!(out)?;
         Ok(())
     }
 }

@@ -23,6 +23,7 @@ mod solve;
 mod stopwatch;
 mod summary;
 mod terminal;
+mod topics;
 mod truth;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};

@@ -12,6 +12,7 @@ use crate::solve::{Earlier, Start, Surroundings, solve};
 use crate::stopwatch::Stopwatch;
 use crate::summary;
 use crate::terminal::Terminal;
+use crate::topics::Topics;
 use crate::truth::TruthFiles;
 use anyhow::Context as _;
 use clap::Args;
@@ -19,7 +20,7 @@ use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::simulator::Arrival;
 use floorprint::{Phase, Profiler};
-use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, USUAL_EXPANSION, free_beside, open};
+use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, free_beside, open};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -30,6 +31,8 @@ pub(crate) struct Arguments {
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
     drive: Option<u32>,
+    #[command(flatten)]
+    topics: Topics,
     #[command(flatten)]
     settings: Settings,
     #[command(flatten)]
@@ -72,11 +75,6 @@ pub(crate) struct Work {
 }
 
 impl Work {
-    /// How a data set is opened.
-    pub(crate) fn open_options(&self, drive: Option<u32>) -> OpenOptions {
-        OpenOptions { drive, max_expansion: self.max_expansion.unwrap_or(USUAL_EXPANSION) }
-    }
-
     /// The threads that share the work.
     ///
     /// # Errors
@@ -90,8 +88,8 @@ impl Work {
 pub(crate) struct Task<'a> {
     /// Data set.
     pub(crate) path: &'a Path,
-    /// Number of the drive.
-    pub(crate) drive: Option<u32>,
+    /// Which drive and which topics.
+    pub(crate) options: OpenOptions,
     /// Configuration.
     pub(crate) settings: &'a Settings,
     /// Threads and extras.
@@ -127,7 +125,7 @@ pub(crate) fn execute_arriving(
 ) -> anyhow::Result<Outcome> {
     let task = Task {
         path: &arguments.path,
-        drive: arguments.drive,
+        options: arguments.topics.open_options(arguments.drive, arguments.work.max_expansion),
         settings: &arguments.settings,
         work: &arguments.work,
         out,
@@ -170,7 +168,7 @@ impl Task<'_> {
             terminal.warn(note);
         }
         let reading = terminal.busy("reading");
-        let data_set = open(self.path, &self.work.open_options(self.drive));
+        let data_set = open(self.path, &self.options);
         reading.finish_and_clear();
         let mut data_set = data_set?;
         let config = self.settings.resolve(Some(&data_set.robot))?;
@@ -216,7 +214,7 @@ impl Task<'_> {
                 map.resolution_m, config.map.resolution_m
             ));
         }
-        report.errors = TruthFiles::beside(self.path).errors(&solution, &map, &config, &mut report.notes)?;
+        report.errors = TruthFiles::beside(self.path).errors(&data_set, &solution, &map, &config, &mut report.notes)?;
         stopwatch.enter(Phase::Write);
         if let Some(snapshots) = &snapshots {
             snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
@@ -256,7 +254,7 @@ mod tests {
         let (settings, work) = (Settings::default(), Work::default());
         let task = Task {
             path: &log,
-            drive: None,
+            options: OpenOptions::default(),
             settings: &settings,
             work: &work,
             out: &out,

@@ -138,7 +138,11 @@ pub(crate) fn solve(
 ) -> anyhow::Result<Solution> {
     around.profiler.enter(Phase::Synchronise);
     let explain = |error: OdometryError| match error {
-        OdometryError::NoScans { .. } => anyhow!("{error}: a map needs {}", data_set.format.scans),
+        OdometryError::NoScans { .. } => {
+            let topics =
+                data_set.bag.as_ref().map_or(String::new(), |bag| format!("; its topics: {}", bag.list_of_topics()));
+            anyhow!("{error}: a map needs {}{topics}", data_set.format.scans)
+        }
         error => error.into(),
     };
     let mut frames = Frames::new(&data_set.records, config).map_err(explain)?;

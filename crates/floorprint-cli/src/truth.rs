@@ -7,11 +7,11 @@ use crate::solve::Solution;
 use floorprint::Config;
 use floorprint::evaluation::{
     EvaluationError, MapQuality, MapQualityOptions, RelationReport, StampIndex, TextureError, TextureErrorOptions,
-    TrajectoryError, TrajectoryErrorOptions, camera_footprint,
+    TrajectoryError, TrajectoryErrorOptions, TruthAlignment, camera_footprint,
 };
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::{CameraConfig, StampedPose};
-use floorprint_io::{ReadError, read_floor, read_map, read_relations, read_trajectory};
+use floorprint_io::{DataSet, ReadError, RecordedTruth, read_floor, read_map, read_relations, read_trajectory};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -78,6 +78,7 @@ impl TruthFiles {
     /// A file with the truth is damaged.
     pub(crate) fn errors(
         &self,
+        data_set: &DataSet,
         solution: &Solution,
         map: &Raster<Occupancy>,
         config: &Config,
@@ -90,6 +91,8 @@ impl TruthFiles {
             errors.trajectory = noted(TrajectoryError::new(&solution.trajectory, &truth, &options), notes);
             errors.odometry = noted(TrajectoryError::new(&solution.odometry, &truth, &options), notes);
             errors.true_trajectory = truth;
+        } else if let Some(truth) = data_set.bag.as_ref().and_then(|bag| bag.truth.as_ref()) {
+            compare_with_recorded(truth, solution, &mut errors, notes);
         }
         if let Some(path) = &self.relations {
             let relations = read_relations(path)?;
@@ -109,6 +112,40 @@ impl TruthFiles {
         }
         Ok(errors)
     }
+}
+
+/// Compares with poses that the recording itself holds, in a frame of their own and of any part of the robot.
+fn compare_with_recorded(truth: &RecordedTruth, solution: &Solution, errors: &mut Errors, notes: &mut Vec<String>) {
+    let options = TrajectoryErrorOptions::default();
+    let mut compare = |estimate: &[StampedPose]| {
+        let alignment = noted(TruthAlignment::estimate(estimate, &truth.poses), notes)?;
+        let aligned = alignment.apply(&truth.poses);
+        let error = noted(TrajectoryError::new(estimate, &aligned, &options), notes)?;
+        Some((error, aligned, alignment))
+    };
+    let odometry = compare(&solution.odometry);
+    let Some((error, aligned, alignment)) = compare(&solution.trajectory) else { return };
+    let place = alignment.body_from_measured;
+    let measured = if alignment.place_is_known {
+        format!(
+            "what it measures lies {:.3} m ahead and {:.3} m to the left of the base, turned by {:.1}°",
+            place.x,
+            place.y,
+            place.theta.to_degrees()
+        )
+    } else {
+        format!(
+            "the drive turns too little to show which part of the robot it measures: the base, turned by {:.1}°, is assumed",
+            place.theta.to_degrees()
+        )
+    };
+    notes.push(format!(
+        "compared with {}, aligned to it (rotation and translation); {measured}, as estimated from the drive",
+        truth.topic
+    ));
+    errors.odometry = odometry.map(|(error, ..)| error);
+    errors.trajectory = Some(error);
+    errors.true_trajectory = aligned;
 }
 
 /// The floor that the camera saw from where it truly was when the images were taken.

@@ -5,7 +5,8 @@ use crate::error::{Problem, ReadError};
 use crate::format::{self, Format};
 use crate::images::ImageIndex;
 use crate::source::Source;
-use floorprint::sensors::{Record, RobotConfig, Scan};
+use floorprint::sensors::{Record, RobotConfig, Scan, StampedPose};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
@@ -18,12 +19,98 @@ pub struct OpenOptions {
     /// How many times its size on disk a file may take in memory, besides 256 MB that any may take: a file
     /// that unpacks to more is refused.
     pub max_expansion: f64,
+    /// Who plays which role in a recording of topics; what is not chosen is found out.
+    pub topics: TopicChoice,
 }
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { drive: None, max_expansion: USUAL_EXPANSION }
+        Self { drive: None, max_expansion: USUAL_EXPANSION, topics: TopicChoice::default() }
     }
+}
+
+/// Which topics and frames of a recording are used.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TopicChoice {
+    /// Topics of the scans; several LiDARs are used together.
+    pub scans: Vec<String>,
+    /// Topic of the odometry; a topic of transforms stands for what moves in them.
+    pub odometry: Option<String>,
+    /// Topic of the true poses.
+    pub truth: Option<String>,
+    /// The frame that is taken for the robot's body.
+    pub base: Option<String>,
+}
+
+impl TopicChoice {
+    /// The option that is set, as the command line calls it.
+    fn option(&self) -> Option<&'static str> {
+        [
+            (!self.scans.is_empty(), "--scan"),
+            (self.odometry.is_some(), "--odom"),
+            (self.truth.is_some(), "--truth"),
+            (self.base.is_some(), "--base"),
+        ]
+        .into_iter()
+        .find_map(|(is_set, option)| is_set.then_some(option))
+    }
+}
+
+/// What is in a recording of topics, and what is used of it.
+#[derive(Debug, Clone, Default)]
+pub struct BagContents {
+    /// All topics, by name.
+    pub topics: Vec<TopicSummary>,
+    /// What is used, what is not, and why.
+    pub roles: Vec<RoleChoice>,
+    /// True poses, where a topic holds some.
+    pub truth: Option<RecordedTruth>,
+}
+
+impl BagContents {
+    /// The topics in a line, with types and numbers of messages.
+    #[must_use]
+    pub fn list_of_topics(&self) -> String {
+        let entry = |topic: &TopicSummary| format!("{} ({}, {})", topic.name, topic.type_name, topic.messages);
+        self.topics.iter().map(entry).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// What is on a topic.
+#[derive(Debug, Clone, Serialize)]
+pub struct TopicSummary {
+    /// Its name.
+    pub name: String,
+    /// The type of its messages.
+    pub type_name: String,
+    /// How they became bytes: `ros1`, `cdr` …
+    pub encoding: String,
+    /// How many there are.
+    pub messages: usize,
+    /// How many were recorded a second.
+    pub rate_hz: f64,
+    /// Frames in which their numbers are or whose poses they state.
+    pub frames: Vec<String>,
+}
+
+/// A topic or frame and the role that it plays.
+#[derive(Debug, Clone, Serialize)]
+pub struct RoleChoice {
+    /// The role, or that there is none.
+    pub role: &'static str,
+    /// The topic or frame.
+    pub what: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
+/// Poses that were measured independently, in a frame of their own and of any part of the robot.
+#[derive(Debug, Clone)]
+pub struct RecordedTruth {
+    /// The topic.
+    pub topic: String,
+    /// The poses in the plane.
+    pub poses: Vec<StampedPose>,
 }
 
 /// A recorded drive.
@@ -44,6 +131,8 @@ pub struct DataSet {
     /// SHA-256 of the input. Of a single file it is what `sha256sum` prints; of a folder it is taken
     /// over the list of its files, with the hash of each archive and the size of each image.
     pub input_hash: String,
+    /// What is in it and what was chosen, when it is a recording of topics.
+    pub bag: Option<BagContents>,
 }
 
 impl DataSet {
@@ -70,7 +159,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
             .advice("Leave the number of the drive out")
             .into());
     }
-    format::recognise(&source)?.read(&source, options)
+    let format = format::recognise(&source)?;
+    if let Some(option) = options.topics.option().filter(|_| !format.has_topics) {
+        return Err(Problem::new(path, format!("{}, which has no topics to choose from", format.description))
+            .advice(format!("Leave {option} out"))
+            .into());
+    }
+    format.read(&source, options)
 }
 
 /// Why a part of the input was not used.
@@ -78,6 +173,8 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
 pub enum DropReason {
     /// A line that breaks off or does not hold what its kind of line holds.
     MalformedLine,
+    /// A message that is not what its type says.
+    Undecodable,
     /// A scan without a single ray.
     EmptyScan,
     /// A scan of another laser than the one that is used.
@@ -96,6 +193,7 @@ impl DropReason {
     pub fn description(self) -> &'static str {
         match self {
             Self::MalformedLine => "lines that are cut off or garbled",
+            Self::Undecodable => "messages that are not what their type says",
             Self::EmptyScan => "scans without rays",
             Self::OtherLaser => "scans of lasers that are not used",
             Self::StampJump => "readings whose time stamps jump or repeat",

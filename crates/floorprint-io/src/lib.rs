@@ -28,7 +28,10 @@ mod stamps;
 mod trajectory;
 
 pub use budget::USUAL_EXPANSION;
-pub use data_set::{DataSet, DropCounts, DropReason, OpenOptions, open};
+pub use data_set::{
+    BagContents, DataSet, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice, TopicSummary,
+    open,
+};
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
 pub use floor_file::{read_floor, write_floor};

@@ -3,12 +3,13 @@
 use crate::budget::Budget;
 use crate::data_set::OpenOptions;
 use crate::error::{Problem, ReadError};
+use crate::format::begins_like_recording;
 use crate::regular_file::read_regular;
 use flate2::bufread::GzDecoder;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
-use std::fs;
-use std::io::{self, Read};
+use std::fs::{self, File};
+use std::io::{self, BufRead as _, BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// Bytes of a file's beginning by which formats are recognised.
@@ -16,6 +17,14 @@ const HEAD_BYTES: u64 = 1 << 16;
 
 /// How gzip data begin.
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+
+/// The beginning of the file at `path` where that is one of a recording, which is read where it lies.
+fn beginning_of_recording(path: &Path) -> Result<Option<Vec<u8>>, ReadError> {
+    let refused = |error: io::Error| ReadError::io(path, &error);
+    let mut head = Vec::new();
+    File::open(path).map_err(refused)?.take(HEAD_BYTES).read_to_end(&mut head).map_err(refused)?;
+    Ok(begins_like_recording(&head).then_some(head))
+}
 
 /// What a path leads to.
 pub(crate) enum Source {
@@ -29,8 +38,8 @@ pub(crate) enum Source {
 pub(crate) struct FileSource {
     /// Where it lies.
     pub(crate) path: PathBuf,
-    /// All its bytes, as they are on disk.
-    bytes: Vec<u8>,
+    /// All its bytes, as they are on disk; none of a recording that is too large to be held: it is read there.
+    bytes: Option<Vec<u8>>,
     /// The first bytes of its content, unpacked.
     head: Vec<u8>,
     /// Why there are no more of them, where that is not the file's end.
@@ -59,6 +68,9 @@ impl Source {
         if !metadata.is_file() {
             return Err(Problem::new(path, "neither a file nor a folder").expected("a recorded data set").into());
         }
+        if let Some(head) = beginning_of_recording(path)? {
+            return Ok(Self::File(FileSource { path: path.to_path_buf(), bytes: None, head, head_error: None }));
+        }
         let bytes = read_regular(path)?;
         Ok(Self::File(FileSource::new(path, bytes)?))
     }
@@ -75,7 +87,7 @@ impl Source {
 impl FileSource {
     /// A file with the given bytes.
     pub(crate) fn new(path: &Path, bytes: Vec<u8>) -> Result<Self, ReadError> {
-        let mut file = Self { path: path.to_path_buf(), bytes, head: Vec::new(), head_error: None };
+        let mut file = Self { path: path.to_path_buf(), bytes: Some(bytes), head: Vec::new(), head_error: None };
         let mut head = Vec::new();
         // A damaged file may end early; what its beginning is can be told nevertheless.
         let read = file.content().take(HEAD_BYTES).read_to_end(&mut head);
@@ -89,7 +101,22 @@ impl FileSource {
 
     /// The content, unpacked if it is gzipped (also in several members).
     pub(crate) fn content(&self) -> Box<dyn Read + '_> {
-        if self.is_gzip() { Box::new(Gunzip(GzDecoder::new(&self.bytes[..]))) } else { Box::new(&self.bytes[..]) }
+        let bytes = self.bytes();
+        if self.is_gzip() { Box::new(Gunzip(GzDecoder::new(bytes))) } else { Box::new(bytes) }
+    }
+
+    /// The first bytes of its content.
+    pub(crate) fn head(&self) -> &[u8] {
+        &self.head
+    }
+
+    /// Whether it is not held in memory.
+    pub(crate) fn is_on_disk(&self) -> bool {
+        self.bytes.is_none()
+    }
+
+    fn bytes(&self) -> &[u8] {
+        self.bytes.as_deref().unwrap_or_default()
     }
 
     /// The lines by which a text format is recognised: those that end within the file's beginning.
@@ -99,12 +126,12 @@ impl FileSource {
 
     /// SHA-256 of the bytes on disk, as `sha256sum` prints it.
     pub(crate) fn hash(&self) -> String {
-        hexadecimal(&Sha256::digest(&self.bytes))
+        hexadecimal(&Sha256::digest(self.bytes()))
     }
 
     /// The memory that its data may take.
     pub(crate) fn budget(&self, options: &OpenOptions) -> Budget {
-        Budget::new(self.bytes.len(), options.max_expansion)
+        Budget::new(self.bytes().len(), options.max_expansion)
     }
 
     /// What the user is told where the content breaks off or cannot be unpacked behind a line.
@@ -126,7 +153,7 @@ impl FileSource {
     }
 
     fn is_gzip(&self) -> bool {
-        self.bytes.starts_with(&GZIP_MAGIC)
+        self.bytes().starts_with(&GZIP_MAGIC)
     }
 }
 
@@ -156,6 +183,31 @@ impl InputHash {
     pub(crate) fn add_content(&mut self, path: &Path, bytes: &[u8]) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         self.0.update(format!("{}  {name}\n", hexadecimal(&Sha256::digest(bytes))));
+    }
+
+    /// The hash of files that are read whole: of one file what `sha256sum` prints for it.
+    pub(crate) fn of_files(paths: &[&Path]) -> io::Result<String> {
+        let mut list = Self::default();
+        for path in paths {
+            let mut file = Sha256::new();
+            let mut reader = BufReader::with_capacity(1 << 20, File::open(path)?);
+            loop {
+                let bytes = reader.fill_buf()?;
+                let count = bytes.len();
+                if count == 0 {
+                    break;
+                }
+                file.update(bytes);
+                reader.consume(count);
+            }
+            let digest = hexadecimal(&file.finalize());
+            if paths.len() == 1 {
+                return Ok(digest);
+            }
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            list.0.update(format!("{digest}  {name}\n"));
+        }
+        Ok(list.finish())
     }
 
     /// Adds a file with its size only.

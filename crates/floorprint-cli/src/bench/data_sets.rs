@@ -75,7 +75,8 @@ fn look_into(path: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
         fs::read_dir(path)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<_>>()?;
     entries.sort();
     let name = |entry: &Path| entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    if entries.iter().any(|entry| name(entry).starts_with("Hokuyo")) {
+    let is_course = entries.iter().any(|entry| name(entry).starts_with("Hokuyo"));
+    if is_course || entries.iter().any(|entry| name(entry) == "metadata.yaml") {
         found.push(path.to_path_buf());
         return Ok(());
     }
@@ -84,7 +85,7 @@ fn look_into(path: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
         let log = name.strip_suffix(".gz").unwrap_or(&name);
         if entry.is_dir() {
             look_into(&entry, found)?;
-        } else if [".clf", ".log", ".dat"].iter().any(|ending| log.ends_with(ending)) {
+        } else if [".clf", ".log", ".dat", ".bag", ".mcap", ".db3"].iter().any(|ending| log.ends_with(ending)) {
             found.push(entry);
         }
     }
@@ -98,15 +99,17 @@ mod tests {
     #[test]
     fn logs_are_found_at_any_depth_and_have_names_of_their_own() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["a/drive.clf", "b/drive.clf.gz", "b/notes.txt", "c/Hokuyo1.npz"] {
+        for name in
+            ["a/drive.clf", "b/drive.clf.gz", "b/notes.txt", "c/Hokuyo1.npz", "d/metadata.yaml", "d/d_0.mcap", "e.bag"]
+        {
             let path = folder.path().join(name);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, "").unwrap();
         }
         let names: Vec<String> =
             find(&[folder.path().to_path_buf()]).unwrap().into_iter().map(|data_set| data_set.name).collect();
-        assert_eq!(names, ["drive", "drive-2", "c"]);
-        let message = find(&[folder.path().join("d")]).unwrap_err().to_string();
+        assert_eq!(names, ["drive", "drive-2", "c", "d", "e"]);
+        let message = find(&[folder.path().join("f")]).unwrap_err().to_string();
         assert!(message.contains("no such file"), "{message}");
     }
 }

@@ -19,6 +19,7 @@ use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
 use crate::stopwatch::children_cpu_time_s;
 use crate::terminal::Terminal;
+use crate::topics::Topics;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -47,7 +48,7 @@ use std::time::{Duration, Instant};
 /// growth.svg with --growth. Ctrl-C ends it with the table of the runs so far.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, ECE276A folders).
+    /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, bags, ECE276A folders).
     #[arg(value_name = "DIR")]
     paths: Vec<PathBuf>,
     /// Simulated world to drive through and compare with its truth. Can be repeated.
@@ -72,6 +73,8 @@ pub(crate) struct Arguments {
     /// Paint the floor, too, where there are images.
     #[arg(long)]
     texture: bool,
+    #[command(flatten)]
+    topics: Topics,
     #[command(flatten)]
     lidar: Lidar,
     /// Folder of the results.
@@ -310,6 +313,7 @@ impl Arguments {
                 if !self.texture {
                     command.arg("--no-texture");
                 }
+                self.topics.pass_on(&mut command);
             }
             Case::World(name) => {
                 command.args(["bench-drive", "--world", name]);

@@ -39,6 +39,7 @@ pub(super) const FORMAT: Format = Format {
     name: "carmen",
     description: "a CARMEN log (FLASER, ROBOTLASER1, ODOM … lines)",
     scans: "FLASER, ROBOTLASER1 or RAWLASER1 lines",
+    has_topics: false,
     recognises,
     read,
 };
@@ -258,6 +259,7 @@ impl Log {
             dropped: self.dropped,
             notes,
             input_hash: file.hash(),
+            bag: None,
         })
     }
 

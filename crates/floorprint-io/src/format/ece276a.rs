@@ -22,6 +22,7 @@ pub(super) const FORMAT: Format = Format {
     name: "ece276a",
     description: "a folder with EncodersN.npz, HokuyoN.npz, ImuN.npz, KinectN.npz",
     scans: "a HokuyoN.npz",
+    has_topics: false,
     recognises,
     read,
 };
@@ -155,6 +156,7 @@ impl Drive {
             dropped: self.dropped,
             notes: self.notes,
             input_hash: self.hash.finish(),
+            bag: None,
         })
     }
 

@@ -22,6 +22,7 @@ pub(super) const FORMAT: Format = Format {
     name: "encoder_log",
     description: "an encoder log (lines of time, counts and 682 ranges)",
     scans: "lines with 682 ranges",
+    has_topics: false,
     recognises,
     read,
 };
@@ -136,6 +137,7 @@ fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts, 
         dropped,
         notes,
         input_hash: file.hash(),
+        bag: None,
     }
 }
 

@@ -3,13 +3,16 @@
 mod carmen;
 mod ece276a;
 mod encoder_log;
+mod ros;
 
 use crate::data_set::{DataSet, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::source::Source;
 
+pub(crate) use ros::begins_like_recording;
+
 /// All formats, in the order in which they are tried.
-const FORMATS: [Format; 3] = [ece276a::FORMAT, carmen::FORMAT, encoder_log::FORMAT];
+const FORMATS: [Format; 4] = [ros::FORMAT, ece276a::FORMAT, carmen::FORMAT, encoder_log::FORMAT];
 
 /// A way in which data sets are stored.
 #[derive(Debug, Clone, Copy)]
@@ -20,6 +23,8 @@ pub struct Format {
     pub description: &'static str,
     /// Where its scans are.
     pub scans: &'static str,
+    /// Whether it has topics to choose from.
+    pub(crate) has_topics: bool,
     recognises: fn(&Source) -> bool,
     read: fn(&Source, &OpenOptions) -> Result<DataSet, ReadError>,
 }

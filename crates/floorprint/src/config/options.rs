@@ -31,6 +31,8 @@ pub enum Kind {
     Number(Range),
     /// Any text.
     Text,
+    /// A section of several fields.
+    Section,
     /// One of a few words.
     Choice(Vec<Choice>),
     /// Several values of one kind.
@@ -145,6 +147,8 @@ fn kind_of(root: &Json, node: &Json) -> Option<Kind> {
         "integer" => Some(Kind::Integer(range)),
         "number" => Some(Kind::Number(range)),
         "string" => Some(Kind::Text),
+        // Within a list only: the fields of other sections are options of their own.
+        "object" => Some(Kind::Section),
         "array" => kind_of(root, follow(root, &node["items"])).map(|items| Kind::List(Box::new(items))),
         _ => None,
     }
@@ -158,7 +162,10 @@ impl Kind {
     /// Whether the option takes `value`; the error is a hint, which may be empty.
     pub(super) fn check(&self, value: &Value) -> Result<(), String> {
         let fits = match (self, value) {
-            (Self::Boolean, Value::Boolean(_)) | (Self::Text, Value::String(_)) => true,
+            (Self::Boolean, Value::Boolean(_))
+            | (Self::Text, Value::String(_))
+            // Its fields are checked where the configuration is deserialised.
+            | (Self::Section, Value::Table(_)) => true,
             #[expect(clippy::cast_precision_loss, reason = "limits are small or at the ends of the type")]
             (Self::Integer(range) | Self::Number(range), Value::Integer(number)) => range.contains(*number as f64),
             (Self::Number(range), Value::Float(number)) => number.is_finite() && range.contains(*number),
@@ -189,6 +196,7 @@ impl fmt::Display for Kind {
             Self::Integer(range) => write!(formatter, "a whole number{range}"),
             Self::Number(range) => write!(formatter, "a number{range}"),
             Self::Text => write!(formatter, "text"),
+            Self::Section => write!(formatter, "a section"),
             Self::Choice(choices) => {
                 let words: Vec<_> = choices.iter().map(|choice| format!("\"{}\"", choice.name)).collect();
                 write!(formatter, "one of {}", words.join(", "))

@@ -8,6 +8,7 @@ mod stamp_index;
 mod statistics;
 mod texture_error;
 mod trajectory_error;
+mod truth_alignment;
 mod wall_sharpness;
 
 pub use camera_footprint::camera_footprint;
@@ -18,6 +19,7 @@ pub use stamp_index::StampIndex;
 pub use statistics::ErrorStatistics;
 pub use texture_error::{FloorImage, TextureError, TextureErrorOptions};
 pub use trajectory_error::{Alignment, RelativeError, Span, TrajectoryError, TrajectoryErrorOptions};
+pub use truth_alignment::TruthAlignment;
 pub use wall_sharpness::WallSharpness;
 
 use thiserror::Error;

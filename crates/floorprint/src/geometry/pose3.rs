@@ -1,6 +1,7 @@
 //! Rigid motions of space, for sensor mounts: upside-down and tilted ones too.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use super::Pose2;
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +34,15 @@ impl Mount {
         let rotation = Rotation3::from_euler_angles(self.roll_rad, self.pitch_rad, self.yaw_rad);
         Pose3 { rotation: rotation.into_inner(), translation_m: Vector3::new(self.x_m, self.y_m, self.z_m) }
     }
+
+    /// The mount of a sensor at the pose `body_from_sensor`.
+    #[must_use]
+    pub fn of(body_from_sensor: &Pose3) -> Self {
+        let rotation = Rotation3::from_matrix_unchecked(body_from_sensor.rotation);
+        let (roll_rad, pitch_rad, yaw_rad) = rotation.euler_angles();
+        let [x_m, y_m, z_m] = body_from_sensor.translation_m.into();
+        Self { x_m, y_m, z_m, roll_rad, pitch_rad, yaw_rad }
+    }
 }
 
 /// A rigid motion of space: a rotation matrix and a translation in metres.
@@ -49,6 +59,21 @@ impl Pose3 {
     #[must_use]
     pub fn identity() -> Self {
         Self { rotation: Matrix3::identity(), translation_m: Vector3::zeros() }
+    }
+
+    /// The motion of a translation in metres and a quaternion x, y, z, w of any length. Of length zero, which
+    /// stands for an orientation that is not known, it turns nothing.
+    #[must_use]
+    pub fn from_quaternion(translation_m: [f64; 3], [x, y, z, w]: [f64; 4]) -> Self {
+        let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9).unwrap_or_default();
+        Self { rotation: rotation.to_rotation_matrix().into_inner(), translation_m: translation_m.into() }
+    }
+
+    /// The motion in the plane: height, roll and pitch are left out.
+    #[must_use]
+    pub fn in_plane(&self) -> Pose2 {
+        let yaw = self.rotation[(1, 0)].atan2(self.rotation[(0, 0)]);
+        Pose2::new(self.translation_m.x, self.translation_m.y, yaw)
     }
 
     /// `a_from_b.compose(b_from_c)` = `a_from_c`.
@@ -91,6 +116,22 @@ mod tests {
         let mount = Mount { z_m: 1.0, pitch_rad: 0.5, ..Mount::default() };
         let point = mount.body_from_sensor().transform_point(Vector3::new(1.0, 0.0, 0.0));
         assert!(point.z < 1.0 && point.x > 0.0);
+    }
+
+    #[test]
+    fn a_mount_is_its_poses_mount() {
+        let mount = Mount { x_m: 0.3, y_m: -0.2, z_m: 1.0, roll_rad: 3.0, pitch_rad: 0.5, yaw_rad: -1.0 };
+        let again = Mount::of(&mount.body_from_sensor());
+        let difference = again.body_from_sensor().rotation - mount.body_from_sensor().rotation;
+        assert!(difference.norm() < 1e-12 && (again.roll_rad - 3.0).abs() < 1e-12 && again.z_m == 1.0);
+    }
+
+    #[test]
+    fn quaternions_of_any_length_turn() {
+        let half = 0.4_f64;
+        let pose = Pose3::from_quaternion([1.0, 2.0, 3.0], [0.0, 0.0, 5.0 * half.sin(), 5.0 * half.cos()]).in_plane();
+        assert!((pose.x, pose.y) == (1.0, 2.0) && (pose.theta - 0.8).abs() < 1e-12);
+        assert_eq!(Pose3::from_quaternion([0.0; 3], [0.0; 4]), Pose3::identity());
     }
 
     #[test]

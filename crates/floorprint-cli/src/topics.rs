@@ -1,0 +1,48 @@
+//! Options by which topics and frames of a recording are chosen.
+
+use clap::Args;
+use floorprint_io::{OpenOptions, TopicChoice, USUAL_EXPANSION};
+use std::process::Command;
+
+/// Which topics and frames of a bag are used; what is not given is found out (`floorprint info` tells how).
+#[derive(Args, Clone, Debug, Default)]
+pub(crate) struct Topics {
+    /// Topic of a bag's scans. Can be repeated: several LiDARs are used together.
+    #[arg(long, value_name = "TOPIC")]
+    scan: Vec<String>,
+    /// Topic of a bag's odometry; /tf for the odometry among its transforms.
+    #[arg(long, value_name = "TOPIC")]
+    odom: Option<String>,
+    /// Topic of a bag's true poses, with which the trajectory is compared.
+    #[arg(long, value_name = "TOPIC")]
+    truth: Option<String>,
+    /// Frame of a bag that is taken for the robot's body.
+    #[arg(long, value_name = "FRAME")]
+    base: Option<String>,
+}
+
+impl Topics {
+    /// How a data set is to be opened.
+    pub(crate) fn open_options(&self, drive: Option<u32>, max_expansion: Option<f64>) -> OpenOptions {
+        OpenOptions {
+            drive,
+            max_expansion: max_expansion.unwrap_or(USUAL_EXPANSION),
+            topics: TopicChoice {
+                scans: self.scan.clone(),
+                odometry: self.odom.clone(),
+                truth: self.truth.clone(),
+                base: self.base.clone(),
+            },
+        }
+    }
+
+    /// Gives the same options to another run of this program.
+    pub(crate) fn pass_on(&self, command: &mut Command) {
+        let scans = self.scan.iter().map(|topic| ("--scan", topic));
+        let single = [("--odom", &self.odom), ("--truth", &self.truth), ("--base", &self.base)];
+        let single = single.into_iter().filter_map(|(option, value)| Some((option, value.as_ref()?)));
+        for (option, value) in scans.chain(single) {
+            command.arg(format!("{option}={value}"));
+        }
+    }
+}

@@ -1,0 +1,347 @@
+//! Messages in Foxglove's own schemas, as protobuf or JSON: `LaserScan`, `FrameTransform(s)` and `PoseInFrame`.
+//!
+//! Source: <https://docs.foxglove.dev/docs/visualization/message-schemas>; the numbers of the protobuf fields are
+//! those of `foxglove-sdk/schemas/proto`.
+
+use super::cursor::frame_name;
+use super::messages::{LaserScan, Message, Placed};
+use floorprint::geometry::Pose3;
+use serde::Deserialize;
+
+/// Rays without a return: the schema has no longest range.
+const LONGEST_RANGE_M: f32 = f32::INFINITY;
+
+/// Takes a message in protobuf apart.
+pub(super) fn decode_protobuf(type_name: &str, bytes: &[u8]) -> Option<Message> {
+    let fields = Fields(bytes);
+    match type_name {
+        "foxglove.LaserScan" => {
+            let ranges_m = fields.numbers(6)?;
+            scan(Scan {
+                timestamp: fields.time(1)?,
+                frame_id: fields.text(2)?,
+                pose: fields.pose(3)?,
+                start_angle: fields.number(4)?,
+                end_angle: fields.number(5)?,
+                ranges: ranges_m,
+            })
+        }
+        "foxglove.PoseInFrame" => {
+            Some(pose(PoseInFrame { timestamp: fields.time(1)?, frame_id: fields.text(2)?, pose: fields.pose(3)? }))
+        }
+        "foxglove.FrameTransform" => Some(Message::Transforms(vec![placed(fields.transform()?)])),
+        "foxglove.FrameTransforms" => {
+            let transforms = fields.all(1).map(|bytes| Some(placed(Fields(bytes?).transform()?)));
+            Some(Message::Transforms(transforms.collect::<Option<_>>()?))
+        }
+        _ => None,
+    }
+}
+
+/// Takes a message in JSON apart.
+pub(super) fn decode_json(type_name: &str, bytes: &[u8]) -> Option<Message> {
+    match type_name {
+        "foxglove.LaserScan" => scan(serde_json::from_slice(bytes).ok()?),
+        "foxglove.PoseInFrame" => Some(pose(serde_json::from_slice(bytes).ok()?)),
+        "foxglove.FrameTransform" => Some(Message::Transforms(vec![placed(serde_json::from_slice(bytes).ok()?)])),
+        "foxglove.FrameTransforms" => {
+            let Transforms { transforms } = serde_json::from_slice(bytes).ok()?;
+            Some(Message::Transforms(transforms.into_iter().map(placed).collect()))
+        }
+        _ => None,
+    }
+}
+
+#[derive(Deserialize)]
+struct Scan {
+    timestamp: Time,
+    frame_id: String,
+    pose: Pose,
+    start_angle: f64,
+    end_angle: f64,
+    ranges: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+struct PoseInFrame {
+    timestamp: Time,
+    frame_id: String,
+    pose: Pose,
+}
+
+#[derive(Deserialize)]
+struct Transforms {
+    transforms: Vec<Transform>,
+}
+
+#[derive(Deserialize)]
+struct Transform {
+    timestamp: Time,
+    parent_frame_id: String,
+    child_frame_id: String,
+    translation: Vector,
+    rotation: Quaternion,
+}
+
+#[derive(Default, Deserialize)]
+struct Time {
+    sec: i64,
+    #[serde(alias = "nanos")]
+    nsec: u32,
+}
+
+#[derive(Default, Deserialize)]
+struct Pose {
+    position: Vector,
+    orientation: Quaternion,
+}
+
+#[derive(Default, Deserialize)]
+struct Vector {
+    x: f64,
+    y: f64,
+    z: f64,
+}
+
+#[derive(Default, Deserialize)]
+struct Quaternion {
+    x: f64,
+    y: f64,
+    z: f64,
+    w: f64,
+}
+
+impl Time {
+    fn seconds(&self) -> f64 {
+        self.sec as f64 + f64::from(self.nsec) * 1e-9
+    }
+}
+
+fn pose3(Vector { x, y, z }: &Vector, rotation: &Quaternion) -> Pose3 {
+    Pose3::from_quaternion([*x, *y, *z], [rotation.x, rotation.y, rotation.z, rotation.w])
+}
+
+/// A scan whose rays start elsewhere than in its frame's origin is not used: its mount would not be the frame's.
+fn scan(scan: Scan) -> Option<Message> {
+    let steps = scan.ranges.len().saturating_sub(1).max(1) as f64;
+    (pose3(&scan.pose.position, &scan.pose.orientation) == Pose3::identity()).then(|| {
+        Message::Scan(LaserScan {
+            stamp_s: scan.timestamp.seconds(),
+            frame: frame_name(&scan.frame_id).to_owned(),
+            angle_min_rad: scan.start_angle,
+            angle_increment_rad: (scan.end_angle - scan.start_angle) / steps,
+            time_increment_s: 0.0,
+            scan_time_s: 0.0,
+            range_min_m: 0.0,
+            range_max_m: LONGEST_RANGE_M,
+            ranges_m: scan.ranges.into_iter().map(|range_m| range_m as f32).collect(),
+        })
+    })
+}
+
+fn pose(PoseInFrame { timestamp, frame_id, pose }: PoseInFrame) -> Message {
+    Message::Pose(Placed {
+        stamp_s: timestamp.seconds(),
+        parent: frame_name(&frame_id).to_owned(),
+        child: String::new(),
+        pose: pose3(&pose.position, &pose.orientation),
+    })
+}
+
+fn placed(transform: Transform) -> Placed {
+    Placed {
+        stamp_s: transform.timestamp.seconds(),
+        parent: frame_name(&transform.parent_frame_id).to_owned(),
+        child: frame_name(&transform.child_frame_id).to_owned(),
+        pose: pose3(&transform.translation, &transform.rotation),
+    }
+}
+
+/// A message in protobuf: fields of a number and a value each, absent where they are zero.
+struct Fields<'a>(&'a [u8]);
+
+/// A field's value.
+enum Value<'a> {
+    Varint(u64),
+    Fixed(u64),
+    Bytes(&'a [u8]),
+}
+
+impl<'a> Fields<'a> {
+    /// The next field; `None` at the end, `Some(None)` when there is none.
+    fn next(&mut self) -> Option<Option<(u64, Value<'a>)>> {
+        (!self.0.is_empty()).then(|| self.field())
+    }
+
+    fn field(&mut self) -> Option<(u64, Value<'a>)> {
+        let key = self.varint()?;
+        let value = match key & 7 {
+            0 => Value::Varint(self.varint()?),
+            1 => Value::Fixed(u64::from_le_bytes(self.take(8)?.try_into().ok()?)),
+            2 => {
+                let length = usize::try_from(self.varint()?).ok()?;
+                Value::Bytes(self.take(length)?)
+            }
+            5 => Value::Varint(u32::from_le_bytes(self.take(4)?.try_into().ok()?).into()),
+            _ => return None,
+        };
+        Some((key >> 3, value))
+    }
+
+    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (bytes, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(bytes)
+    }
+
+    fn varint(&mut self) -> Option<u64> {
+        let mut value = 0;
+        for shift in (0..64).step_by(7) {
+            let &[byte] = self.take(1)? else { return None };
+            value |= u64::from(byte & 0x7f) << shift;
+            if byte < 0x80 {
+                return Some(value);
+            }
+        }
+        None
+    }
+
+    /// All values of a field that are bytes; an item is `None` where the message is garbled.
+    fn all(&self, wanted: u64) -> impl Iterator<Item = Option<&'a [u8]>> {
+        let mut rest = Fields(self.0);
+        std::iter::from_fn(move || {
+            loop {
+                match rest.next()? {
+                    Some((number, Value::Bytes(bytes))) if number == wanted => return Some(Some(bytes)),
+                    Some(_) => {}
+                    None => {
+                        rest.0 = &[];
+                        return Some(None);
+                    }
+                }
+            }
+        })
+    }
+
+    /// The last value of a field; `Some(None)` when it is absent.
+    fn value(&self, wanted: u64) -> Option<Option<Value<'a>>> {
+        let mut rest = Fields(self.0);
+        let mut found = None;
+        while let Some(field) = rest.next() {
+            let (number, value) = field?;
+            if number == wanted {
+                found = Some(value);
+            }
+        }
+        Some(found)
+    }
+
+    fn number(&self, wanted: u64) -> Option<f64> {
+        match self.value(wanted)? {
+            Some(Value::Fixed(bits)) => Some(f64::from_bits(bits)),
+            None => Some(0.0),
+            _ => None,
+        }
+    }
+
+    fn integer(&self, wanted: u64) -> Option<u64> {
+        match self.value(wanted)? {
+            Some(Value::Varint(value)) => Some(value),
+            None => Some(0),
+            _ => None,
+        }
+    }
+
+    fn bytes(&self, wanted: u64) -> Option<&'a [u8]> {
+        match self.value(wanted)? {
+            Some(Value::Bytes(bytes)) => Some(bytes),
+            None => Some(&[]),
+            _ => None,
+        }
+    }
+
+    fn text(&self, wanted: u64) -> Option<String> {
+        String::from_utf8(self.bytes(wanted)?.to_vec()).ok()
+    }
+
+    /// A list of numbers, packed or one by one.
+    fn numbers(&self, wanted: u64) -> Option<Vec<f64>> {
+        let mut rest = Fields(self.0);
+        let mut numbers = Vec::new();
+        while let Some(field) = rest.next() {
+            match field? {
+                (number, Value::Bytes(bytes)) if number == wanted => {
+                    numbers.extend(bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)));
+                }
+                (number, Value::Fixed(bits)) if number == wanted => numbers.push(f64::from_bits(bits)),
+                _ => {}
+            }
+        }
+        Some(numbers)
+    }
+
+    fn time(&self, wanted: u64) -> Option<Time> {
+        let time = Fields(self.bytes(wanted)?);
+        Some(Time { sec: time.integer(1)?.cast_signed(), nsec: u32::try_from(time.integer(2)?).ok()? })
+    }
+
+    fn vector(&self, wanted: u64) -> Option<Vector> {
+        let vector = Fields(self.bytes(wanted)?);
+        Some(Vector { x: vector.number(1)?, y: vector.number(2)?, z: vector.number(3)? })
+    }
+
+    fn quaternion(&self, wanted: u64) -> Option<Quaternion> {
+        let parts = Fields(self.bytes(wanted)?);
+        Some(Quaternion { x: parts.number(1)?, y: parts.number(2)?, z: parts.number(3)?, w: parts.number(4)? })
+    }
+
+    fn pose(&self, wanted: u64) -> Option<Pose> {
+        let pose = Fields(self.bytes(wanted)?);
+        Some(Pose { position: pose.vector(1)?, orientation: pose.quaternion(2)? })
+    }
+
+    fn transform(&self) -> Option<Transform> {
+        Some(Transform {
+            timestamp: self.time(1)?,
+            parent_frame_id: self.text(2)?,
+            child_frame_id: self.text(3)?,
+            translation: self.vector(4)?,
+            rotation: self.quaternion(5)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A field of bytes.
+    fn field(number: u8, bytes: &[u8]) -> Vec<u8> {
+        [&[(number << 3) | 2, bytes.len() as u8][..], bytes].concat()
+    }
+
+    fn double(number: u8, value: f64) -> Vec<u8> {
+        [&[(number << 3) | 1][..], &value.to_le_bytes()].concat()
+    }
+
+    #[test]
+    fn protobuf_and_json_say_the_same() {
+        let time = [0x08, 0x96, 0x01, 0x10, 0x05];
+        let ranges: Vec<u8> = [1.5_f64, 2.5].iter().flat_map(|range_m| range_m.to_le_bytes()).collect();
+        let bytes = [field(1, &time), field(2, b"/laser"), double(4, -1.0), double(5, 1.0), field(6, &ranges)].concat();
+        let json = br#"{"timestamp":{"sec":150,"nsec":5},"frame_id":"laser","pose":{"position":{"x":0,"y":0,"z":0},
+            "orientation":{"x":0,"y":0,"z":0,"w":1}},"start_angle":-1,"end_angle":1,"ranges":[1.5,2.5],"intensities":[]}"#;
+        for message in [decode_protobuf("foxglove.LaserScan", &bytes), decode_json("foxglove.LaserScan", json)] {
+            let Some(Message::Scan(scan)) = message else { panic!("no scan") };
+            assert_eq!((scan.stamp_s, scan.frame.as_str()), (150.000_000_005, "laser"));
+            assert_eq!((scan.angle_min_rad, scan.angle_increment_rad, scan.ranges_m), (-1.0, 2.0, vec![1.5, 2.5]));
+        }
+        let transform = [field(1, &time), field(2, b"odom"), field(3, b"base"), field(4, &double(1, 3.0))].concat();
+        let list = [field(1, &transform), field(1, &transform)].concat();
+        let Some(Message::Transforms(placed)) = decode_protobuf("foxglove.FrameTransforms", &list) else {
+            panic!("no transforms")
+        };
+        assert_eq!((placed.len(), placed[1].child.as_str(), placed[1].pose.translation_m.x), (2, "base", 3.0));
+        assert!(decode_protobuf("foxglove.LaserScan", &bytes[..9]).is_none());
+    }
+}

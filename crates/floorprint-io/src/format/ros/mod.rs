@@ -1,0 +1,94 @@
+//! Recordings of ROS and of what speaks like it: ROS 1 bags, rosbag2's folders and databases, MCAP files.
+//!
+//! `bag1`, `rosbag2` and `mcap` are the containers; all give one stream of raw messages, which `recording` puts
+//! together from several files. `cursor` and `messages` take the messages apart, `foxglove` those in
+//! Foxglove's schemas. A recording is read twice: `survey`
+//! finds out what is there and how frames hang together (`transforms`), `roles` chooses what is used, and `bag`
+//! makes records of it.
+
+mod bag;
+mod bag1;
+mod cursor;
+mod foxglove;
+mod input;
+mod mcap;
+mod messages;
+mod recording;
+mod roles;
+mod rosbag2;
+mod slice;
+mod survey;
+mod transforms;
+
+use super::Format;
+
+pub(crate) use recording::begins_like_recording;
+
+pub(super) const FORMAT: Format = Format {
+    name: "ros",
+    description: "a ROS 1 bag, a rosbag2 folder, an MCAP file or a .db3 database",
+    scans: "LaserScan, MultiEchoLaserScan or PointCloud2 messages",
+    has_topics: true,
+    recognises: recording::recognises,
+    read: bag::read,
+};
+
+/// A stream of messages of one kind from one source.
+struct Channel {
+    topic: String,
+    type_name: String,
+    encoding: Encoding,
+}
+
+/// How a message's fields became bytes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Encoding {
+    Ros1,
+    Cdr,
+    Protobuf,
+    Json,
+    Other(String),
+}
+
+impl Encoding {
+    /// By the name that MCAP and rosbag2 give it.
+    fn named(name: &str) -> Self {
+        match name {
+            "ros1" => Self::Ros1,
+            "cdr" => Self::Cdr,
+            "protobuf" => Self::Protobuf,
+            "json" => Self::Json,
+            other => Self::Other(other.to_owned()),
+        }
+    }
+
+    fn name(&self) -> &str {
+        match self {
+            Self::Ros1 => "ros1",
+            Self::Cdr => "cdr",
+            Self::Protobuf => "protobuf",
+            Self::Json => "json",
+            Self::Other(name) => name,
+        }
+    }
+}
+
+/// A message as it was recorded.
+struct RawMessage<'a> {
+    channel: &'a Channel,
+    /// When it was recorded, seconds.
+    log_time_s: f64,
+    bytes: &'a [u8],
+}
+
+/// Messages in the order in which they were recorded.
+trait MessageSource {
+    /// Goes on to the next message; false when there is none.
+    fn advance(&mut self) -> bool;
+
+    /// The message to which [`advance`](Self::advance) led.
+    fn message(&self) -> Option<RawMessage<'_>>;
+
+    /// What was found damaged so far, in a sentence.
+    fn damage(&self) -> Option<String>;
+}
