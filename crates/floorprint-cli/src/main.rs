@@ -61,6 +61,9 @@ enum Command {
     /// One simulated drive of `bench`.
     #[command(hide = true)]
     BenchDrive(Box<bench::DriveArguments>),
+    /// One drive of the gauntlet of `bench`.
+    #[command(hide = true)]
+    GauntletDrive(Box<bench::GauntletDriveArguments>),
     Completions(shell::Completions),
     /// Print the manual page.
     Man,
@@ -79,6 +82,7 @@ impl Command {
             Self::Config(command) => config::execute(command, terminal),
             Self::Bench(arguments) => bench::execute(arguments, terminal),
             Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),
+            Self::GauntletDrive(arguments) => bench::execute_gauntlet_drive(arguments, terminal),
             Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),
             Self::Man => shell::man(Arguments::command(), terminal),
         }

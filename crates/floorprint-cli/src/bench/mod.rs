@@ -3,12 +3,14 @@
 //! Each run is a process of its own, so that its CPU time and its memory are its own.
 
 mod data_sets;
+mod gauntlet;
 mod growth;
 mod machine;
 mod run;
 mod simulated;
 mod table;
 
+pub(crate) use gauntlet::{DriveArguments as GauntletDriveArguments, execute_drive as execute_gauntlet_drive};
 pub(crate) use simulated::{Arguments as DriveArguments, execute as execute_drive};
 
 use crate::config::Settings;
@@ -41,7 +43,7 @@ use std::time::{Duration, Instant};
 /// Run presets over data sets and simulated worlds with several seeds; tell accuracy and cost.
 ///
 /// Leaves bench.md and bench.json in the folder of --out, a folder for each run on a data set, and
-/// growth.svg with --growth. Ctrl-C ends it with the table of the runs so far.
+/// growth.svg with --growth; with --gauntlet gauntlet.md, gauntlet.json and gauntlet.html. Ctrl-C ends it with the table of the runs so far.
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, ECE276A folders).
@@ -71,6 +73,8 @@ pub(crate) struct Arguments {
     texture: bool,
     #[command(flatten)]
     lidar: Lidar,
+    #[command(flatten)]
+    gauntlet: gauntlet::Options,
     /// Folder of the results.
     #[arg(long, value_name = "DIR", default_value = "runs/bench")]
     out: PathBuf,
@@ -165,6 +169,11 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         writeln!(terminal.results(), "{}", serde_json::to_string_pretty(&schemars::schema_for!(Benchmark))?)?;
         return Ok(Outcome::Fine);
     }
+    if arguments.gauntlet.is_asked_for() {
+        let preset = arguments.preset.first().copied().unwrap_or_default().name();
+        let around = gauntlet::Surroundings { preset, set: &arguments.set, out: &arguments.out, terminal };
+        return gauntlet::execute(&arguments.gauntlet, &around);
+    }
     // Whatever can be wrong is told before an hour of runs.
     Settings { set: arguments.set.clone(), ..Settings::default() }.resolve(None)?;
     arguments.lidar.simulation().validate()?;
@@ -225,7 +234,7 @@ fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
     cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
     if cases.is_empty() {
-        let advice = "name data sets or folders that hold some, --world NAME, or --growth KM,…";
+        let advice = "name data sets or folders that hold some, --world NAME, --growth KM,…, or --gauntlet N";
         return Err(BadArguments(format!("there is nothing to measure: {advice}")).into());
     }
     Ok(cases)

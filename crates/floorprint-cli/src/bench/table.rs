@@ -31,7 +31,7 @@ const DATA_SETS: &str = "\nErrors on data sets are the mean over the benchmark's
     RMSE against the true trajectory; \"worst ÷ mean\" is the worst seed's translation error over the mean. A closure is \
     wrong that is off the true relative pose by more than 0.2 m or 0.05 rad. CPU, wall time and memory are those of the \
     whole process; a scan's time is wall time.\n\n";
-const WORLDS: &str = "\nErrors in simulated worlds are RMSE, largest and last error against the truth. A closure is \
+const WORLDS: &str = "\nSome worlds have a robot of their own, which drives unless a LiDAR is chosen. Errors in simulated worlds are RMSE, largest and last error against the truth. A closure is \
     wrong that is off the true relative pose by more than 0.2 m or 0.05 rad; wrong ones are given in all seeds together. CPU \
     time and memory are without those of the simulation.\n\n";
 const GROWTH: &str = "\nSimulated offices of growing length. CPU time of a scan is its frame and the filter, live; the end is \
@@ -100,6 +100,8 @@ fn world_columns() -> Vec<Column> {
         ("RMSE °", with_worst(|run| run.rotation_deg, 3)),
         ("largest m", with_worst(|run| run.largest_m, 3)),
         ("at the end m", with_worst(|run| run.end_m, 3)),
+        ("over 4 s m", with_worst(|run| run.windowed_m, 4)),
+        ("yaw spread °", with_worst(|run| run.yaw_spread_deg, 3)),
         ("dead reckoning m", mean(|run| run.odometry_m, 1.0, 2)),
         ("loops", mean(|run| run.closures.map(|closures| closures as f64), 1.0, 0)),
         ("wrong", Box::new(wrong)),
