@@ -174,7 +174,7 @@ impl Figure {
 }
 
 /// A round length of at most a quarter of the width, metres.
-fn scale_bar_length_m(width_m: f64) -> f64 {
+pub(crate) fn scale_bar_length_m(width_m: f64) -> f64 {
     const ROUND_M: [f64; 10] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0];
     ROUND_M.into_iter().rev().find(|&length_m| length_m <= width_m / 4.0).unwrap_or(ROUND_M[0])
 }

@@ -65,6 +65,9 @@ enum Command {
     /// One simulated drive of `bench`.
     #[command(hide = true)]
     BenchDrive(Box<bench::DriveArguments>),
+    /// One drive of the gauntlet of `bench`.
+    #[command(hide = true)]
+    GauntletDrive(Box<bench::GauntletDriveArguments>),
     Completions(shell::Completions),
     Man(shell::Manual),
 }
@@ -83,6 +86,7 @@ impl Command {
             Self::Config(command) => config::execute(command, terminal),
             Self::Bench(arguments) => bench::execute(arguments, terminal),
             Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),
+            Self::GauntletDrive(arguments) => bench::execute_gauntlet_drive(arguments, terminal),
             Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),
             Self::Man(arguments) => shell::man(arguments, Arguments::command(), terminal),
         }

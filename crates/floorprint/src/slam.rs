@@ -1,6 +1,6 @@
 //! The one function that everything calls: a frame goes in, the best pose comes out.
 
-use crate::back_end::{BackEnd, ClosureLoad, ClosureReport, Kidnapping, LoopClosureConfig, PlaceGraph};
+use crate::back_end::{BackEnd, ClosureLoad, ClosureReport, Kidnapping, LoopClosureConfig, PlaceGraph, Uncertainty};
 use crate::config::Config;
 use crate::frame::Frame;
 use crate::front_end::{FilterStep, FrontEnd, FrontEndState, ParticleFilter};
@@ -48,6 +48,8 @@ pub struct StepReport {
     /// Whether the robot seems to have been kidnapped and has not been found again: the pose is then not to
     /// be relied on.
     pub is_lost: bool,
+    /// How uncertain `pose` is, unless the robot is lost; `None` where loops are not closed and nothing is known of it.
+    pub uncertainty: Option<Uncertainty>,
     /// What the filter says.
     pub filter: FilterStep,
 }
@@ -57,6 +59,8 @@ pub struct StepReport {
 pub struct SlamResult {
     /// The body's pose at every scan; the first is the identity.
     pub trajectory: Vec<StampedPose>,
+    /// How uncertain each of these poses is; empty where loops are not closed and nothing is known of it.
+    pub uncertainties: Vec<Uncertainty>,
     /// The occupancy grid.
     pub map: OccupancyGrid,
     /// Every comparison of two places, and what became of it.
@@ -204,6 +208,7 @@ impl Slam {
             world_from_odom,
             pose: world_from_odom.compose(&step.pose),
             is_lost: places.is_some_and(PlaceGraph::is_lost),
+            uncertainty: places.map(|places| places.uncertainty().and(&Uncertainty::of(&step.covariance))),
             filter: step,
         })
     }
@@ -285,6 +290,7 @@ impl Slam {
         let map = self.front_end.drawn_map().cloned().unwrap_or_else(|| self.session.map());
         let places = self.session.places();
         SlamResult {
+            uncertainties: places.map(|places| places.uncertainties(self.session.frames())).unwrap_or_default(),
             trajectory: self.session.trajectory(),
             map,
             closures: places.map(PlaceGraph::reports).unwrap_or_default(),

@@ -4,12 +4,14 @@
 
 mod book;
 mod data_sets;
+mod gauntlet;
 mod growth;
 mod machine;
 mod run;
 mod simulated;
 mod table;
 
+pub(crate) use gauntlet::{DriveArguments as GauntletDriveArguments, execute_drive as execute_gauntlet_drive};
 pub(crate) use machine::today;
 pub(crate) use simulated::{Arguments as DriveArguments, execute as execute_drive};
 
@@ -45,7 +47,7 @@ use std::time::{Duration, Instant};
 /// Run presets over data sets and simulated worlds with several seeds; tell accuracy and cost.
 ///
 /// Leaves bench.md and bench.json in the folder of --out, a folder for each run on a data set, and
-/// growth.svg with --growth. Ctrl-C ends it with the table of the runs so far.
+/// growth.svg with --growth; with --gauntlet gauntlet.md, gauntlet.json and gauntlet.html. Ctrl-C ends it with the table of the runs so far.
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, bags, ECE276A folders).
@@ -77,6 +79,8 @@ pub(crate) struct Arguments {
     topics: Topics,
     #[command(flatten)]
     lidar: Lidar,
+    #[command(flatten)]
+    gauntlet: gauntlet::Options,
     /// Folder of the results.
     #[arg(long, value_name = "DIR", default_value = "runs/bench")]
     out: PathBuf,
@@ -181,6 +185,11 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     if let Some(document) = &arguments.render {
         return book::render(document, terminal);
     }
+    if arguments.gauntlet.is_asked_for() {
+        let preset = arguments.preset.first().copied().unwrap_or_default().name();
+        let around = gauntlet::Surroundings { preset, set: &arguments.set, out: &arguments.out, terminal };
+        return gauntlet::execute(&arguments.gauntlet, &around);
+    }
     // Whatever can be wrong is told before an hour of runs.
     Settings { set: arguments.set.clone(), ..Settings::default() }.resolve(None)?;
     arguments.lidar.simulation().validate()?;
@@ -242,7 +251,7 @@ fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
     cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
     if cases.is_empty() {
-        let advice = "name data sets or folders that hold some, --world NAME, or --growth KM,…";
+        let advice = "name data sets or folders that hold some, --world NAME, --growth KM,…, or --gauntlet N";
         return Err(BadArguments(format!("there is nothing to measure: {advice}")).into());
     }
     Ok(cases)

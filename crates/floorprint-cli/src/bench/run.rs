@@ -23,6 +23,10 @@ pub(super) struct Run {
     pub(super) rotation_deg: Option<f64>,
     /// Largest translation error, metres.
     pub(super) largest_m: Option<f64>,
+    /// RMSE of the motion over windows of 4 s, metres (worlds in which the robot keeps to a command only).
+    pub(super) windowed_m: Option<f64>,
+    /// Largest heading error less the smallest, degrees (worlds in which the robot keeps to a command only).
+    pub(super) yaw_spread_deg: Option<f64>,
     /// Translation error of the last pose, metres (simulated worlds only).
     pub(super) end_m: Option<f64>,
     /// Rotation error of the last pose, degrees (simulated worlds only).

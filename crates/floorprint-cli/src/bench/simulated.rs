@@ -15,7 +15,7 @@ use anyhow::bail;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use floorprint::evaluation::{
-    MapQuality, MapQualityOptions, PoseError, TrajectoryError, TrajectoryErrorOptions, WallSharpness,
+    MapQuality, MapQualityOptions, PoseError, Span, TrajectoryError, TrajectoryErrorOptions, WallSharpness,
 };
 use floorprint::geometry::Pose2;
 use floorprint::sensors::{Record, Records, StampedPose};
@@ -28,6 +28,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Side of a cell of the true map, metres.
 const MAP_RESOLUTION_M: f64 = 0.05;
+/// Forty commands of a tenth of a second each.
+const WINDOW_S: f64 = 4.0;
 
 /// Solve one simulated drive and print its figures as JSON.
 #[derive(Args)]
@@ -103,6 +105,12 @@ impl Lidar {
         }
     }
 
+    /// Whether the user has chosen another than the default.
+    fn is_chosen(&self) -> bool {
+        let is_default = (self.beams, self.rate_hz, self.range_m) == (1081, 40.0, 30.0);
+        !is_default || self.field_of_view_deg != 270.0 || self.lidar_at.is_some()
+    }
+
     /// Hands the options on to a process.
     pub(super) fn pass_on(&self, command: &mut Command) {
         command.args(["--beams", &self.beams.to_string(), "--rate-hz", &self.rate_hz.to_string()]);
@@ -133,7 +141,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         (None, Some(length_km)) => World::office(1e3 * length_km, seed),
         (None, None) => bail!("no world to drive through"),
     };
-    let drive = simulate(world, arguments.lidar.simulation(), seed)?;
+    let own_robot = arguments.world.world.as_deref().and_then(World::own_robot);
+    let simulation = own_robot.filter(|_| !arguments.lidar.is_chosen()).unwrap_or_else(|| arguments.lidar.simulation());
+    let drive = simulate(world, simulation, seed)?;
     let config = arguments.settings.resolve(Some(&drive.config().robot))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads.into()).build()?;
     let compare_maps = arguments.world.world.is_some();
@@ -168,6 +178,7 @@ fn solve(drive: &SimulatedDrive, config: &Config, compare_maps: bool) -> anyhow:
     let truth = drive.truth();
     let options = TrajectoryErrorOptions { spans: Vec::new(), ..TrajectoryErrorOptions::default() };
     let error = TrajectoryError::new(&result.trajectory, &truth, &options)?;
+    let windowed = Windowed::of(drive, &result.trajectory, &truth)?;
     let odometry = TrajectoryError::new(&dead_reckoning, &truth, &options)?;
     let end = result.trajectory.last().map(|last| PoseError::between(&drive.true_pose(last.stamp_s), &last.pose));
     let candidates = serde_json::to_value(Loops::new(&result.closures, &result.trajectory).candidates)?;
@@ -180,6 +191,8 @@ fn solve(drive: &SimulatedDrive, config: &Config, compare_maps: bool) -> anyhow:
         translation_m: Some(error.translation_m.rmse),
         rotation_deg: Some(error.rotation_deg.rmse),
         largest_m: Some(error.translation_m.max),
+        windowed_m: windowed.as_ref().and_then(|windowed| windowed.translation_m),
+        yaw_spread_deg: windowed.map(|windowed| windowed.yaw_spread_deg),
         end_m: end.map(|end| end.translation_m),
         end_deg: end.map(|end| end.rotation_deg),
         odometry_m: Some(odometry.translation_m.rmse),
@@ -196,6 +209,33 @@ fn solve(drive: &SimulatedDrive, config: &Config, compare_maps: bool) -> anyhow:
         finish_s: Some(finish_s),
         peak_memory_bytes,
     })
+}
+
+/// Drift while a robot keeps to a command, as those who complain of it measure it.
+struct Windowed {
+    /// RMSE of the motion over windows of [`WINDOW_S`], metres.
+    translation_m: Option<f64>,
+    /// Largest heading error less the smallest, degrees.
+    yaw_spread_deg: f64,
+}
+
+impl Windowed {
+    /// Of drives that keep to a command; `None` of all others.
+    fn of(drive: &SimulatedDrive, trajectory: &[StampedPose], truth: &[StampedPose]) -> anyhow::Result<Option<Self>> {
+        if drive.world().commands().is_empty() {
+            return Ok(None);
+        }
+        let options =
+            TrajectoryErrorOptions { spans: vec![Span::TimeS(WINDOW_S)], ..TrajectoryErrorOptions::default() };
+        let error = TrajectoryError::new(trajectory, truth, &options)?;
+        let headings_rad =
+            trajectory.iter().map(|stamped| drive.true_pose(stamped.stamp_s).between(&stamped.pose).theta);
+        let [low, high] = headings_rad.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], heading_rad| {
+            [low.min(heading_rad), high.max(heading_rad)]
+        });
+        let relative = error.relative.first().and_then(|relative| relative.translation_m.as_ref());
+        Ok(Some(Self { translation_m: relative.map(|errors| errors.rmse), yaw_spread_deg: (high - low).to_degrees() }))
+    }
 }
 
 /// The drive's records, with the time that it takes to simulate them.

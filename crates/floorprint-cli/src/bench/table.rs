@@ -52,7 +52,7 @@ const DATA_SETS: &str = "\nErrors on data sets are the mean over the benchmark's
     RMSE against the true trajectory. A closure is \
     wrong that is off the true relative pose by more than 0.2 m or 0.05 rad. CPU time and memory are those of the \
     whole process; a scan's time is wall time. Presets that draw nothing at random are run once.\n\n";
-const WORLDS: &str = "\nErrors in simulated worlds are RMSE, largest and last error against the truth. A closure is \
+const WORLDS: &str = "\nSome worlds have a robot of their own, which drives unless a LiDAR is chosen. Errors in simulated worlds are RMSE, largest and last error against the truth. A closure is \
     wrong that is off the true relative pose by more than 0.2 m or 0.05 rad; wrong ones are given in all seeds together. CPU \
     time and memory are without those of the simulation.\n\n";
 const GROWTH: &str = "\nSimulated offices of growing length. CPU time of a scan is its frame and the filter, live; the end is \
@@ -154,6 +154,8 @@ fn world_columns() -> Vec<Column> {
 fn world_cost_columns() -> Vec<Column> {
     vec![
         ("RMSE °", with_worst(|run| run.rotation_deg, 3)),
+        ("over 4 s m", with_worst(|run| run.windowed_m, 4)),
+        ("yaw spread °", with_worst(|run| run.yaw_spread_deg, 3)),
         ("map F1", mean(|run| run.map_f1, 1.0, 3)),
         ("scan ms, p99, max", Box::new(scan_ms)),
         ("end s", mean(|run| run.finish_s, 1.0, 2)),

@@ -44,6 +44,7 @@ mod tests {
     fn contradictions_close_in_time_are_one_stretch() {
         let step = |index: usize, odometry_rejected| StepReport {
             world_from_odom: Pose2::IDENTITY,
+            uncertainty: None,
             index,
             stamp_s: 0.5 * index as f64,
             dead_reckoning: Pose2::IDENTITY,
@@ -56,6 +57,7 @@ mod tests {
                 score: 0.0,
                 resampled: false,
                 odometry_rejected,
+                covariance: Default::default(),
             },
         };
         let steps: Vec<_> = (0..12).map(|index| step(index, [2, 4, 5, 9].contains(&index))).collect();

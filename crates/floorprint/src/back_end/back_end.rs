@@ -113,6 +113,7 @@ impl BackEnd {
             let uncertainty = Uncertainty { sigma_m: sigma(0).max(sigma(1)), sigma_rad: sigma(2) };
             due.push_front((before, link.previous_from_submap, uncertainty));
         }
+        places.learn_uncertainty();
         Some(Job { newer, first: places.comparisons.len(), uncertainties, due })
     }
 
@@ -182,6 +183,7 @@ impl BackEnd {
             }
         }
         self.note_if_known(job, places);
+        places.learn_uncertainty();
     }
 
     /// A submap nearly all of which lies on an older one need not be kept: memory grows with the area that was
@@ -216,5 +218,6 @@ impl BackEnd {
         best.relocate(submaps, comparisons, true, &self.config);
         best.settle();
         best.look_again(submaps, comparisons, &mut self.views, &self.config, &self.matcher);
+        places.learn_uncertainty();
     }
 }

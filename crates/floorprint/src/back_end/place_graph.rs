@@ -28,6 +28,9 @@ pub struct PlaceGraph {
     pub(super) taken: usize,
     /// What is being done about the newest of them.
     pub(super) job: Option<Job>,
+    /// How uncertain the heaviest hypothesis is where in the world each submap in play lies.
+    #[serde(default)]
+    pub(super) in_the_world: Vec<Uncertainty>,
 }
 
 /// The comparisons of one submap.
@@ -64,6 +67,7 @@ impl PlaceGraph {
             comparisons: Vec::new(),
             taken: 0,
             job: None,
+            in_the_world: Vec::new(),
         }
     }
 
@@ -172,6 +176,36 @@ impl PlaceGraph {
         self.hypotheses[0].newest().map_or(Pose2::IDENTITY, |(newest, pose)| {
             pose.compose(&self.submaps[newest].front_end_from_submap.inverse())
         })
+    }
+
+    /// How uncertain the pose of the newest key scan is in the world.
+    #[must_use]
+    pub fn uncertainty(&self) -> Uncertainty {
+        let newest = self.in_the_world.last().copied().unwrap_or_default();
+        newest.and(&Uncertainty::of(self.builder.covariance()))
+    }
+
+    /// How uncertain each of the first `frames` poses of the drive is in the world: as much as the less certain one
+    /// of the submaps before and after it.
+    #[must_use]
+    pub fn uncertainties(&self, frames: usize) -> Vec<Uncertainty> {
+        let in_play = self.hypotheses[0].in_play().zip(&self.in_the_world);
+        let mut known = in_play.map(|((submap, _), uncertainty)| (self.submaps[submap].first, *uncertainty)).peekable();
+        let mut before = Uncertainty::default();
+        (0..frames)
+            .map(|frame| {
+                while let Some((_, here)) = known.next_if(|(first, _)| *first <= frame) {
+                    before = here;
+                }
+                let after = known.peek().map_or(before, |(_, after)| *after);
+                if after.sigma_m > before.sigma_m { after } else { before }
+            })
+            .collect()
+    }
+
+    /// Learns anew how uncertain the heaviest hypothesis is.
+    pub(super) fn learn_uncertainty(&mut self) {
+        self.in_the_world = self.hypotheses[0].uncertainties_in_the_world();
     }
 
     /// The drive as the heaviest hypothesis has it now.

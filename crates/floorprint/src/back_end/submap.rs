@@ -116,6 +116,11 @@ impl SubmapBuilder {
         self.open.first().map(|first| first.frame)
     }
 
+    /// Covariance of the motion since the first key scan of the submap in the making.
+    pub(super) fn covariance(&self) -> &Matrix3<f64> {
+        &self.covariance
+    }
+
     /// Side of the cells in which surfaces are kept, metres.
     pub(super) fn cell_m(&self) -> f64 {
         self.cell_m

@@ -1,12 +1,14 @@
 //! How uncertain a hypothesis is where older submaps lie as seen from the newest.
 
 use super::hypothesis::Hypothesis;
+use crate::geometry::Pose2;
 use crate::geometry::covariance::inverse;
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// How uncertain the pose of one submap is as seen from another: standard deviations.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Uncertainty {
     /// Of the position, metres.
     pub sigma_m: f64,
@@ -15,6 +17,21 @@ pub struct Uncertainty {
 }
 
 impl Uncertainty {
+    /// Together with another one that is independent of it.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        Self { sigma_m: self.sigma_m.hypot(other.sigma_m), sigma_rad: self.sigma_rad.hypot(other.sigma_rad) }
+    }
+
+    /// That of a covariance over (x, y, θ), m² and rad²: of the position in its least certain direction.
+    #[must_use]
+    pub fn of(covariance: &Matrix3<f64>) -> Self {
+        let half_trace = 0.5 * (covariance[(0, 0)] + covariance[(1, 1)]);
+        let determinant = covariance[(0, 0)] * covariance[(1, 1)] - covariance[(0, 1)] * covariance[(1, 0)];
+        let root = (half_trace * half_trace - determinant).max(0.0).sqrt();
+        Self { sigma_m: (half_trace + root).max(0.0).sqrt(), sigma_rad: covariance[(2, 2)].max(0.0).sqrt() }
+    }
+
     /// Whether nothing is known but that the robot is somewhere on the map.
     #[must_use]
     pub fn is_lost(&self) -> bool {
@@ -34,17 +51,50 @@ const LEVER_SHARE: f64 = 0.3;
 /// … and buildings fold long ways up: over no more than this, metres.
 const LONGEST_LEVER_M: f64 = 60.0;
 
+/// What leads from one node of the graph to another along the most certain way.
+#[derive(Clone, Copy)]
+struct Reached {
+    variance_m2: f64,
+    variance_rad2: f64,
+    path_m: f64,
+}
+
 impl Hypothesis {
-    /// How uncertain each submap in play is as seen from the newest: along the most certain way
-    /// through the graph, where closures are short cuts (Dijkstra 1959).
+    /// How uncertain each submap in play is as seen from the newest.
     #[must_use]
     pub fn uncertainties(&self) -> Vec<Uncertainty> {
-        #[derive(Clone, Copy)]
-        struct Reached {
-            variance_m2: f64,
-            variance_rad2: f64,
-            path_m: f64,
-        }
+        let factor = DRIFT_FACTOR * GROWTH_PER_MISS.powi(self.misses);
+        let seen = |there: &Reached| {
+            let lever_m = LEVER_SHARE * there.path_m.min(LONGEST_LEVER_M);
+            Uncertainty {
+                sigma_m: factor * (there.variance_m2 + there.variance_rad2 * lever_m * lever_m).sqrt(),
+                sigma_rad: factor * there.variance_rad2.sqrt(),
+            }
+        };
+        let newest = self.in_play.len().checked_sub(1);
+        newest.map_or(Vec::new(), |newest| self.reached_from(newest).iter().map(seen).collect())
+    }
+
+    /// How uncertain each submap in play is in the world, whose origin is the start of the drive.
+    #[must_use]
+    pub fn uncertainties_in_the_world(&self) -> Vec<Uncertainty> {
+        let Some(start) = self.graph.poses().first() else { return Vec::new() };
+        let factor = GROWTH_PER_MISS.powi(self.misses);
+        let reached = self.reached_from(0);
+        let seen = |(there, pose): (&Reached, &Pose2)| {
+            // A heading error that grows along the way moves its end by about a third of its variance times the
+            // squared distance, however the way bends.
+            let lever_m2 = start.between(pose).distance().powi(2) / 3.0;
+            Uncertainty {
+                sigma_m: factor * (there.variance_m2 + there.variance_rad2 * lever_m2).sqrt(),
+                sigma_rad: factor * there.variance_rad2.sqrt(),
+            }
+        };
+        reached.iter().zip(self.graph.poses()).map(seen).collect()
+    }
+
+    /// The most certain way from a node to each other one, where closures are short cuts (Dijkstra 1959).
+    fn reached_from(&self, node: usize) -> Vec<Reached> {
         let count = self.in_play.len();
         let mut neighbours = vec![Vec::new(); count];
         for factor in self.graph.between_factors() {
@@ -60,10 +110,10 @@ impl Hypothesis {
         let unknown = Reached { variance_m2: f64::INFINITY, variance_rad2: f64::INFINITY, path_m: 0.0 };
         let mut reached = vec![unknown; count];
         let mut queue = BTreeSet::new();
-        if let Some(newest) = reached.last_mut() {
-            *newest = Reached { variance_m2: 0.0, variance_rad2: 0.0, path_m: 0.0 };
+        if let Some(here) = reached.get_mut(node) {
+            *here = Reached { variance_m2: 0.0, variance_rad2: 0.0, path_m: 0.0 };
             // Positive floats sort like their bits.
-            queue.insert((0_u64, count - 1));
+            queue.insert((0_u64, node));
         }
         while let Some((_, here)) = queue.pop_first() {
             for &(next, link) in &neighbours[here] {
@@ -78,16 +128,6 @@ impl Hypothesis {
                 }
             }
         }
-        let factor = DRIFT_FACTOR * GROWTH_PER_MISS.powi(self.misses);
         reached
-            .iter()
-            .map(|there| {
-                let lever_m = LEVER_SHARE * there.path_m.min(LONGEST_LEVER_M);
-                Uncertainty {
-                    sigma_m: factor * (there.variance_m2 + there.variance_rad2 * lever_m * lever_m).sqrt(),
-                    sigma_rad: factor * there.variance_rad2.sqrt(),
-                }
-            })
-            .collect()
     }
 }

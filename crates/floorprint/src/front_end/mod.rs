@@ -14,6 +14,7 @@ mod loss;
 mod odometry_model;
 mod odometry_scale;
 mod odometry_trust;
+mod pace;
 mod particle_filter;
 mod report;
 mod resampler;

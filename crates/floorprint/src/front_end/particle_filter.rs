@@ -4,6 +4,7 @@
 use super::local_map::LocalMap;
 use super::loss::{LossDetector, Sighting};
 use super::odometry_model::OdometryModel;
+use super::pace::{Pace, is_gap};
 use super::resampler::resample_poses;
 use super::tracker::{Fit, Tracker, blunder};
 use super::weights::{effective_number, heaviest, normalise};
@@ -50,6 +51,8 @@ pub struct ParticleFilter {
     covariance: Matrix3<f64>,
     /// Whether one of the matches since may have been wrong.
     is_doubtful: bool,
+    /// How fast scans follow each other.
+    pace: Pace,
     /// Whether a new drive begins with the next scan.
     is_interrupted: bool,
     steps: usize,
@@ -70,6 +73,7 @@ pub struct FrontEndState {
     covariance: Matrix3<f64>,
     is_doubtful: bool,
     is_interrupted: bool,
+    pace: Pace,
 }
 
 impl FrontEndState {
@@ -112,6 +116,7 @@ impl ParticleFilter {
             covariance: Matrix3::zeros(),
             is_doubtful: false,
             is_interrupted: false,
+            pace: Pace::default(),
             steps: 0,
         }
     }
@@ -127,7 +132,8 @@ impl ParticleFilter {
         }
         self.points = CompactScan::new(&frame.scan);
         let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
-        let fits = self.predict_and_match(motion.as_ref(), &scan);
+        let steps = self.pace.steps(frame.elapsed_s);
+        let fits = self.predict_and_match(motion.as_ref(), steps, &scan);
         let sighting = self.notice_loss(&scan, &fits);
         // Particles moved alike but for noise: the scan is due for all of them or for none.
         let is_due = sighting != Sighting::Misfits && !scan.is_empty() && self.is_due();
@@ -138,7 +144,7 @@ impl ParticleFilter {
         let weights = self.normalised_weights();
         let effective_particles = effective_number(&weights);
         let best = self.best();
-        self.learn(frame.motion.as_ref(), &fits[best], is_believed);
+        self.learn(frame.motion.as_ref(), &fits[best], is_believed, is_gap(steps));
         let pose = self.particles[best].pose;
         profiler.enter(Phase::Map);
         let interruption = match sighting {
@@ -165,14 +171,15 @@ impl ParticleFilter {
             score: fit.map_or(0.0, |fit| fit.result.score),
             resampled,
             odometry_rejected: fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed),
+            covariance: self.covariance,
         }
     }
 
     /// Moves every particle with the odometry, and on to where the scan fits its map.
-    fn predict_and_match(&mut self, motion: Option<&Pose2>, scan: &SurfaceScan) -> Vec<Option<Fit>> {
+    fn predict_and_match(&mut self, motion: Option<&Pose2>, steps: f64, scan: &SurfaceScan) -> Vec<Option<Fit>> {
         let (odometry, noise, matcher) = (&self.odometry, &self.motion, &self.matcher);
         let follow = |particle: &mut Tracker| {
-            let prediction = particle.predict(motion, odometry, noise);
+            let prediction = particle.predict(motion, steps, odometry, noise);
             particle.match_scan(&prediction, scan, matcher)
         };
         self.particles.par_iter_mut().map(follow).collect()
@@ -230,13 +237,15 @@ impl ParticleFilter {
     }
 
     /// Learns from the best particle's step how uncertain the motion is, and what the odometry is worth.
-    fn learn(&mut self, measured: Option<&Pose2>, fit: &Option<Fit>, is_believed: bool) {
+    fn learn(&mut self, measured: Option<&Pose2>, fit: &Option<Fit>, is_believed: bool, after_gap: bool) {
         let Some(fit) = fit else { return };
-        self.covariance = if is_believed {
+        // One scan after a gap does not decide where along it the robot has come to: places look alike.
+        self.covariance = if is_believed && !after_gap {
             fit.covariance_after(&self.covariance)
         } else {
             fit.covariance_without_scan(&self.covariance)
         };
+        self.covariance += fit.contradiction();
         self.is_doubtful |= fit.is_doubtful();
         if let Some(measured) = measured.filter(|_| is_believed) {
             let Tracker { pose, last_motion, .. } = self.best_particle();
@@ -329,6 +338,7 @@ impl ParticleFilter {
             covariance: self.covariance,
             is_doubtful: self.is_doubtful,
             is_interrupted: self.is_interrupted,
+            pace: self.pace,
         }
     }
 
@@ -358,6 +368,7 @@ impl ParticleFilter {
         filter.loss = filter.loss.and(state.loss.or(Some(LossDetector::default())));
         (filter.written, filter.covariance, filter.is_doubtful) = (state.written, state.covariance, state.is_doubtful);
         filter.is_interrupted = state.is_interrupted;
+        filter.pace = state.pace;
         filter.steps = first + poses.len();
         filter
     }

@@ -1,6 +1,7 @@
 //! What a filter says about one scan.
 
 use crate::geometry::Pose2;
+use nalgebra::Matrix3;
 
 /// What a filter says about one scan.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,4 +18,7 @@ pub struct FilterStep {
     pub resampled: bool,
     /// Whether scan and odometry contradicted each other, so that the scan alone decided.
     pub odometry_rejected: bool,
+    /// Covariance of the motion since the last scan that was written into the map, over (x, y, θ) in the axes of the
+    /// front end's frame; zero where a filter does not tell.
+    pub covariance: Matrix3<f64>,
 }

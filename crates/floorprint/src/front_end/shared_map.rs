@@ -11,6 +11,7 @@ use crate::map::OccupancyGrid;
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
 use crate::sensors::StampedPose;
+use nalgebra::Matrix3;
 use rayon::prelude::*;
 
 /// N weighted poses and the one map that the best of them draws.
@@ -79,7 +80,15 @@ impl SharedMapFilter {
         }
         self.steps += 1;
         let score = f64::from(correlations[best]) / frame.scan.hits.len().max(1) as f64;
-        FilterStep { pose, effective_particles, inlier_share: score, score, resampled, odometry_rejected: false }
+        FilterStep {
+            pose,
+            effective_particles,
+            inlier_share: score,
+            score,
+            resampled,
+            odometry_rejected: false,
+            covariance: Matrix3::zeros(),
+        }
     }
 
     /// Eqs. 12–13: every particle moves by the odometry and noise of its own.

@@ -3,6 +3,7 @@
 use super::genealogy::Trail;
 use super::local_map::LocalMap;
 use super::odometry_model::OdometryModel;
+use super::pace::is_gap;
 use crate::geometry::covariance::{inverse, isotropic};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::motion_model::MotionConfig;
@@ -69,23 +70,30 @@ impl Tracker {
     }
 
     /// Where the robot is before the scan is looked at: `measured` is the motion since the last scan, at its true
-    /// length, where odometry tells it.
+    /// length, where odometry tells it; as long a time has passed as is usual for so many `steps`.
     pub(super) fn predict(
         &self,
         measured: Option<&Pose2>,
+        steps: f64,
         odometry: &OdometryModel,
         motion: &MotionConfig,
     ) -> Prediction {
         // Without odometry the robot is taken to go on as it did, with room for change.
-        let continued = PoseBelief {
-            pose: self.pose.compose(&self.last_motion),
-            information: motion.information(&self.last_motion) * PREDICTION_TRUST,
+        let last_motion =
+            if is_gap(steps) { Pose2::exp(self.last_motion.log().map(|part| steps * part)) } else { self.last_motion };
+        let mut continued = PoseBelief {
+            pose: self.pose.compose(&last_motion),
+            information: motion.information(&last_motion) * PREDICTION_TRUST,
         };
         let prior = measured.map_or(continued, |measured| PoseBelief {
             pose: self.pose.compose(measured),
-            information: motion.scaled_information(measured, odometry.noise()),
+            information: information_over(steps, measured, motion, odometry.noise()),
         });
-        Prediction { prior, continued, step: measured.copied().unwrap_or(self.last_motion) }
+        if measured.is_some() && is_gap(steps) {
+            // How the robot went on before a gap says nothing about where it is after it.
+            continued.information = Matrix3::zeros();
+        }
+        Prediction { prior, continued, step: measured.copied().unwrap_or(last_motion) }
     }
 
     /// Moves to where the scan fits the map, once there is one.
@@ -155,7 +163,30 @@ pub(super) struct Fit {
     pub(super) odometry: OdometryVerdict,
 }
 
+/// Information of a motion over (x, y, θ). The errors of many steps add up by their squares, so that a motion over a gap
+/// is known better than a single step of its length.
+fn information_over(steps: f64, measured: &Pose2, motion: &MotionConfig, noise: f64) -> Matrix3<f64> {
+    let at_once = motion.scaled_information(measured, noise);
+    if !is_gap(steps) {
+        return at_once;
+    }
+    let step = Pose2::exp(measured.log().map(|part| part / steps));
+    let in_steps = motion.scaled_information(&step, noise) / steps;
+    Matrix3::from_diagonal(&at_once.diagonal().sup(&in_steps.diagonal()))
+}
+
 impl Fit {
+    /// Covariance of what cannot be decided where scan and odometry contradict each other: the robot is where either
+    /// has it.
+    pub(super) fn contradiction(&self) -> Matrix3<f64> {
+        if self.odometry == OdometryVerdict::Confirmed {
+            return Matrix3::zeros();
+        }
+        let (here, there) = (&self.result.belief.pose, &self.prior.pose);
+        let offset = Vector3::new(there.x - here.x, there.y - here.y, wrap_angle(there.theta - here.theta));
+        0.25 * offset * offset.transpose()
+    }
+
     /// How uncertain the motion since the last written scan is, given how uncertain it was one scan
     /// ago: the odometry adds to it, and what the scan tells takes away.
     pub(super) fn covariance_after(&self, before: &Matrix3<f64>) -> Matrix3<f64> {

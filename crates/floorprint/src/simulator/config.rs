@@ -1,7 +1,7 @@
 //! What is simulated besides the world: the robot, its sensors' errors and faults.
 
 use super::SimulationError;
-use super::fault::Fault;
+use super::fault::{Fault, clock_error_s};
 use crate::geometry::Pose2;
 use crate::sensors::RobotConfig;
 use schemars::JsonSchema;
@@ -25,6 +25,9 @@ pub struct SimulationConfig {
     pub imu: ImuSimulationConfig,
     /// The RGB-D camera.
     pub camera: CameraSimulationConfig,
+    /// A base that states its own pose, in place of wheels and inertial unit; absent where encoders are read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pose_odometry: Option<PoseOdometryConfig>,
     /// What goes wrong, and when.
     pub faults: Vec<Fault>,
 }
@@ -39,6 +42,7 @@ impl Default for SimulationConfig {
             wheels: WheelSimulationConfig::default(),
             imu: ImuSimulationConfig::default(),
             camera: CameraSimulationConfig::default(),
+            pose_odometry: None,
             faults: Vec::new(),
         }
     }
@@ -60,6 +64,12 @@ pub struct MotionConfig {
     pub standstill_s: f64,
     /// How far the robot starts off its route's direction, at most, radians either way.
     pub start_heading_error_rad: f64,
+    /// How far an omnidirectional robot looks to either side of where it drives, radians; 0 for all others.
+    pub look_aside_rad: f64,
+    /// How long it takes to look to either side and back, seconds.
+    pub look_aside_period_s: f64,
+    /// When the robot stands still on its way, and for how long: seconds since the start, seconds.
+    pub pauses_s: Vec<[f64; 2]>,
 }
 
 impl Default for MotionConfig {
@@ -71,6 +81,9 @@ impl Default for MotionConfig {
             turn_acceleration_rad_s2: 2.5,
             standstill_s: 5.0,
             start_heading_error_rad: 0.1,
+            look_aside_rad: 0.0,
+            look_aside_period_s: 20.0,
+            pauses_s: Vec::new(),
         }
     }
 }
@@ -97,6 +110,18 @@ pub struct LidarSimulationConfig {
     pub short_share: f64,
     /// Share of rays from which nothing comes back.
     pub dropout_share: f64,
+    /// What is added to every range, metres: the sensor's systematic error.
+    pub range_bias_m: f64,
+    /// Standard deviation that grows with the range, as a share of it (triangulating sensors).
+    pub noise_share: f64,
+    /// How many times the noise grows as the light that comes back fades: far, grazing or dark surfaces.
+    pub weak_return_noise: f64,
+    /// Share of the rays that graze an edge of something near and end between it and what stands behind.
+    pub mixed_pixel_share: f64,
+    /// Share of rays that sunlight drowns at the farthest range; at half of it a quarter.
+    pub sunlight_share: f64,
+    /// By how much the stamps of scans are late, seconds; negative when they are early.
+    pub stamp_delay_s: f64,
 }
 
 impl Default for LidarSimulationConfig {
@@ -111,6 +136,12 @@ impl Default for LidarSimulationConfig {
             far_noise_m: 0.03,
             short_share: 0.01,
             dropout_share: 0.003,
+            range_bias_m: 0.0,
+            noise_share: 0.0,
+            weak_return_noise: 0.0,
+            mixed_pixel_share: 0.0,
+            sunlight_share: 0.0,
+            stamp_delay_s: 0.0,
         }
     }
 }
@@ -125,11 +156,35 @@ pub struct WheelSimulationConfig {
     pub scale_error: f64,
     /// Standard deviation of a reading's slip, as a share of the distance within it.
     pub slip_noise: f64,
+    /// By how much the wheels turn too far in a bend, as a share: the track is wider than the robot believes.
+    pub track_error: f64,
 }
 
 impl Default for WheelSimulationConfig {
     fn default() -> Self {
-        Self { rate_hz: 40.0, scale_error: 0.004, slip_noise: 0.03 }
+        Self { rate_hz: 40.0, scale_error: 0.004, slip_noise: 0.03, track_error: 0.0 }
+    }
+}
+
+/// A base that states its own pose: a differential drive with its own gyro, or an omnidirectional one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PoseOdometryConfig {
+    /// Poses a second.
+    pub rate_hz: f64,
+    /// By which share it overstates every length.
+    pub length_error: f64,
+    /// By which share it overstates every turn.
+    pub turn_error: f64,
+    /// How far it believes to turn while driving straight on, radians a metre.
+    pub drift_rad_per_m: f64,
+    /// Standard deviation of a pose's slip, as a share of the way and of the turn since the last.
+    pub slip_noise: f64,
+}
+
+impl Default for PoseOdometryConfig {
+    fn default() -> Self {
+        Self { rate_hz: 20.0, length_error: 0.01, turn_error: 0.01, drift_rad_per_m: 0.002, slip_noise: 0.05 }
     }
 }
 
@@ -137,6 +192,8 @@ impl Default for WheelSimulationConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImuSimulationConfig {
+    /// Whether the robot has one.
+    pub is_there: bool,
     /// Readings a second.
     pub rate_hz: f64,
     /// Standard deviation of a reading of the angular velocity, rad/s.
@@ -152,6 +209,7 @@ pub struct ImuSimulationConfig {
 impl Default for ImuSimulationConfig {
     fn default() -> Self {
         Self {
+            is_there: true,
             rate_hz: 100.0,
             gyro_noise_rad_s: 0.004,
             gyro_bias_rad_s: 0.008,
@@ -222,7 +280,13 @@ impl SimulationConfig {
     pub fn without_noise(mut self) -> Self {
         let lidar = &mut self.lidar;
         (lidar.near_noise_m, lidar.far_noise_m, lidar.short_share, lidar.dropout_share) = (0.0, 0.0, 0.0, 0.0);
-        (self.wheels.scale_error, self.wheels.slip_noise) = (0.0, 0.0);
+        (lidar.range_bias_m, lidar.noise_share, lidar.mixed_pixel_share, lidar.sunlight_share) = (0.0, 0.0, 0.0, 0.0);
+        lidar.stamp_delay_s = 0.0;
+        (self.wheels.scale_error, self.wheels.slip_noise, self.wheels.track_error) = (0.0, 0.0, 0.0);
+        if let Some(odometry) = &mut self.pose_odometry {
+            (odometry.length_error, odometry.turn_error) = (0.0, 0.0);
+            (odometry.drift_rad_per_m, odometry.slip_noise) = (0.0, 0.0);
+        }
         let imu = &mut self.imu;
         (imu.gyro_noise_rad_s, imu.gyro_bias_rad_s, imu.gyro_drift_rad_s) = (0.0, 0.0, 0.0);
         imu.acceleration_noise_m_s2 = 0.0;
@@ -230,6 +294,16 @@ impl SimulationConfig {
         (camera.disparity_noise, camera.missing_color_share) = (0.0, 0.0);
         (camera.exposure_variation, camera.vignetting, camera.color_noise) = (0.0, 0.0, 0.0);
         self
+    }
+
+    /// What the clock shows of an odometry's or inertial unit's reading, seconds, at a time since the start of the drive.
+    pub(super) fn stamp_s(&self, time_s: f64) -> f64 {
+        self.start_stamp_s + time_s + clock_error_s(&self.faults, time_s, false)
+    }
+
+    /// The same of a scan.
+    pub(super) fn scan_stamp_s(&self, time_s: f64) -> f64 {
+        self.start_stamp_s + time_s + (self.lidar.stamp_delay_s + clock_error_s(&self.faults, time_s, true))
     }
 
     /// Checks that every value can be simulated.
@@ -247,6 +321,8 @@ impl SimulationConfig {
             ("lidar.range_max_m", self.lidar.range_max_m),
             ("wheels.rate_hz", self.wheels.rate_hz),
             ("imu.rate_hz", self.imu.rate_hz),
+            ("motion.look_aside_period_s", self.motion.look_aside_period_s),
+            ("pose_odometry.rate_hz", self.pose_odometry.as_ref().map_or(1.0, |odometry| odometry.rate_hz)),
         ];
         let not_negative = [
             ("motion.standstill_s", self.motion.standstill_s),
@@ -254,6 +330,9 @@ impl SimulationConfig {
             ("lidar.range_min_m", self.lidar.range_min_m),
             ("lidar.near_noise_m", self.lidar.near_noise_m),
             ("lidar.far_noise_m", self.lidar.far_noise_m),
+            ("lidar.noise_share", self.lidar.noise_share),
+            ("lidar.weak_return_noise", self.lidar.weak_return_noise),
+            ("motion.look_aside_rad", self.motion.look_aside_rad),
             ("wheels.scale_error", self.wheels.scale_error),
             ("wheels.slip_noise", self.wheels.slip_noise),
             ("imu.gyro_noise_rad_s", self.imu.gyro_noise_rad_s),
@@ -268,6 +347,8 @@ impl SimulationConfig {
         let shares = [
             ("lidar.short_share", self.lidar.short_share),
             ("lidar.dropout_share", self.lidar.dropout_share),
+            ("lidar.mixed_pixel_share", self.lidar.mixed_pixel_share),
+            ("lidar.sunlight_share", self.lidar.sunlight_share),
             ("camera.missing_color_share", self.camera.missing_color_share),
             ("camera.vignetting", self.camera.vignetting),
         ];
@@ -294,6 +375,26 @@ impl SimulationConfig {
         }
         if let Some((key, found, expected)) = self.faults.iter().find_map(Fault::impossible_setting) {
             return refuse(key, found, expected);
+        }
+        let odometry = self.pose_odometry.clone().unwrap_or_default();
+        let finite = [
+            ("lidar.range_bias_m", self.lidar.range_bias_m),
+            ("lidar.stamp_delay_s", self.lidar.stamp_delay_s),
+            ("wheels.track_error", self.wheels.track_error),
+            ("pose_odometry.length_error", odometry.length_error),
+            ("pose_odometry.turn_error", odometry.turn_error),
+            ("pose_odometry.drift_rad_per_m", odometry.drift_rad_per_m),
+            ("pose_odometry.slip_noise", odometry.slip_noise),
+        ];
+        for (key, found) in finite {
+            if !(-100.0..=100.0).contains(&found) {
+                return refuse(key, found, "a number from -100 to 100");
+            }
+        }
+        for pause_s in &self.motion.pauses_s {
+            if !pause_s.iter().all(|seconds| (0.0..=1e6).contains(seconds)) {
+                return refuse("motion.pauses_s", pause_s[0].max(pause_s[1]), "seconds from 0 to a million");
+            }
         }
         if !self.start_stamp_s.is_finite() {
             return refuse("start_stamp_s", self.start_stamp_s, "a number of seconds");

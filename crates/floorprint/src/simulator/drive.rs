@@ -7,6 +7,7 @@ use super::fault::{Fault, within};
 use super::floor_raster::FloorRaster;
 use super::inertial_unit::imu_readings;
 use super::lidar::Lidar;
+use super::pose_odometry::odometry_poses;
 use super::ray_caster::RayCaster;
 use super::trajectory::Trajectory;
 use super::wheel_encoders::{WheelCounts, wheel_counts};
@@ -40,6 +41,7 @@ pub struct SimulatedDrive {
     lidar: Lidar,
     scan_times_s: Vec<f64>,
     wheel_counts: Vec<WheelCounts>,
+    odometry: Vec<StampedPose>,
     imu: Vec<ImuReading>,
     pub(super) disparity_times_s: Vec<f64>,
     pub(super) color_times_s: Vec<f64>,
@@ -84,6 +86,7 @@ pub fn simulate(world: World, config: SimulationConfig, seed: u64) -> Result<Sim
         floor_raster: FloorRaster::new(world.bounds_m()),
         scan_times_s: (0..scans).map(|scan| FIRST_SCAN_S + scan as f64 * interval_s).filter(arrives).collect(),
         wheel_counts: wheel_counts(&config, seed, &trajectory),
+        odometry: odometry_poses(&config, seed, &trajectory),
         imu: imu_readings(&config, seed, &trajectory),
         caster: world.ray_caster(),
         lidar: Lidar::new(&config),
@@ -126,6 +129,18 @@ impl SimulatedDrive {
         self.scan_times_s.len()
     }
 
+    /// When the scan of a number was truly taken, seconds since the start of the drive.
+    #[must_use]
+    pub fn scan_time_s(&self, index: usize) -> Option<f64> {
+        self.scan_times_s.get(index).copied()
+    }
+
+    /// The body's true pose at the first scan in the world's frame: `building_from_start`.
+    #[must_use]
+    pub fn start(&self) -> Pose2 {
+        self.start
+    }
+
     /// What all scans have in common.
     #[must_use]
     pub fn scan_geometry(&self) -> &Arc<ScanGeometry> {
@@ -142,6 +157,12 @@ impl SimulatedDrive {
     #[must_use]
     pub fn wheel_counts(&self) -> &[WheelCounts] {
         &self.wheel_counts
+    }
+
+    /// What the base states of its pose, `odometry_from_body`; nothing where encoders are read.
+    #[must_use]
+    pub fn odometry(&self) -> &[StampedPose] {
+        &self.odometry
     }
 
     /// Readings of the inertial unit.
@@ -165,57 +186,64 @@ impl SimulatedDrive {
     fn merge<'a>(&'a self, scans: impl Iterator<Item = Scan> + 'a) -> impl Iterator<Item = Record> + 'a {
         let mut imu = self.imu.iter().copied().map(Record::Imu).peekable();
         let mut wheels = self.wheel_counts.iter().map(|counts| Record::Encoders(counts.reading())).peekable();
-        let mut scan_times_s = self.scan_times_s.iter().map(|time_s| self.config.start_stamp_s + time_s).peekable();
+        let mut odometry = self.odometry.iter().copied().map(Record::Odometry).peekable();
+        let mut scan_stamps_s = self.scan_times_s.iter().map(|&time_s| self.config.scan_stamp_s(time_s)).peekable();
         let mut scans = scans.map(Record::Scan);
         std::iter::from_fn(move || {
             // At equal stamps what moved comes before what was seen.
             let next = |stamp_s: Option<f64>| stamp_s.unwrap_or(f64::INFINITY);
             let imu_s = next(imu.peek().map(Record::stamp_s));
             let wheels_s = next(wheels.peek().map(Record::stamp_s));
-            let scan_s = next(scan_times_s.peek().copied());
-            if wheels_s <= imu_s && wheels_s <= scan_s {
+            let odometry_s = next(odometry.peek().map(Record::stamp_s));
+            let scan_s = next(scan_stamps_s.peek().copied());
+            if wheels_s <= imu_s && wheels_s <= scan_s && wheels_s <= odometry_s {
                 wheels.next()
+            } else if odometry_s <= imu_s && odometry_s <= scan_s {
+                odometry.next()
             } else if imu_s <= scan_s {
                 imu.next()
             } else {
-                scan_times_s.next();
+                scan_stamps_s.next();
                 scans.next()
             }
         })
     }
 
-    /// The body's true pose at every scan's stamp, in the frame of the first.
+    /// The body's true pose at every scan, with the scan's stamp, in the frame of the first.
     #[must_use]
     pub fn truth(&self) -> Vec<StampedPose> {
         let stamped = |&time_s: &f64| StampedPose {
-            stamp_s: self.config.start_stamp_s + time_s,
+            stamp_s: self.config.scan_stamp_s(time_s),
             pose: self.start.between(&self.trajectory.at(time_s).pose()),
         };
         self.scan_times_s.iter().map(stamped).collect()
     }
 
-    /// The body's true pose at a stamp (seconds), in the frame of the first scan's pose.
+    /// The body's true pose at a stamp of a clock that was never set (seconds), in the frame of the first scan's pose.
     #[must_use]
     pub fn true_pose(&self, stamp_s: f64) -> Pose2 {
         self.start.between(&self.trajectory.at(stamp_s - self.config.start_stamp_s).pose())
     }
 }
 
-/// All wheel readings, then all of the inertial unit, then all scans: each kind in the order of its
+/// All wheel readings, then all of the inertial unit, then all stated poses, then all scans: each kind in the order of its
 /// stamps, and only that order counts for [`Frames`](crate::Frames).
 impl Records for SimulatedDrive {
     fn count(&self) -> usize {
-        self.wheel_counts.len() + self.imu.len() + self.scan_count()
+        self.wheel_counts.len() + self.imu.len() + self.odometry.len() + self.scan_count()
     }
 
     fn record(&self, position: usize) -> Option<Cow<'_, Record>> {
         let (wheels, imu) = (self.wheel_counts.len(), self.imu.len());
+        let before_scans = wheels + imu + self.odometry.len();
         let record = if position < wheels {
             Record::Encoders(self.wheel_counts[position].reading())
         } else if position < wheels + imu {
             Record::Imu(self.imu[position - wheels])
+        } else if position < before_scans {
+            Record::Odometry(self.odometry[position - wheels - imu])
         } else if position < self.count() {
-            Record::Scan(self.scan(position - wheels - imu))
+            Record::Scan(self.scan(position - before_scans))
         } else {
             return None;
         };

@@ -48,6 +48,36 @@ pub enum Fault {
         /// For how long, seconds.
         for_s: f64,
     },
+    /// The wheels of the left side spin: the odometry turns although the robot does not.
+    LeftWheelsSlip {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+        /// By which share they turn too far.
+        share: f64,
+    },
+    /// A clock is set: stamps jump.
+    ClockStep {
+        /// When, seconds.
+        at_s: f64,
+        /// By how much, seconds.
+        by_s: f64,
+        /// Whether only the LiDAR's stamps jump; else those of all sensors do.
+        lidar_only: bool,
+    },
+    /// All that can be moved in this world is somewhere else from now on.
+    FurnitureMoved {
+        /// When, seconds.
+        at_s: f64,
+    },
+    /// Doors swing to and fro; they are open otherwise.
+    DoorsMove {
+        /// From when, seconds.
+        from_s: f64,
+        /// For how long, seconds.
+        for_s: f64,
+    },
     /// No scan arrives.
     LidarDropout {
         /// From when, seconds.
@@ -81,6 +111,7 @@ type Bounds = (f64, f64, &'static str);
 const SECONDS: Bounds = (0.0, 1e9, "seconds from 0 to 1e9");
 const METRES: Bounds = (-1e6, 1e6, "metres, no more than a million");
 const SHARE: Bounds = (0.0, 1.0, "a share from 0 to 1");
+const STEP: Bounds = (-1e6, 1e6, "seconds, no more than a million");
 const SLIP: Bounds = (-1e3, 1e3, "a share, no more than a thousandfold");
 
 impl Fault {
@@ -107,6 +138,18 @@ impl Fault {
                 ("faults.encoders_sign_lost.from_s", from_s, SECONDS),
                 ("faults.encoders_sign_lost.for_s", for_s, SECONDS),
             ],
+            Self::LeftWheelsSlip { from_s, for_s, share } => vec![
+                ("faults.left_wheels_slip.from_s", from_s, SECONDS),
+                ("faults.left_wheels_slip.for_s", for_s, SECONDS),
+                ("faults.left_wheels_slip.share", share, SLIP),
+            ],
+            Self::ClockStep { at_s, by_s, .. } => {
+                vec![("faults.clock_step.at_s", at_s, SECONDS), ("faults.clock_step.by_s", by_s, STEP)]
+            }
+            Self::FurnitureMoved { at_s } => vec![("faults.furniture_moved.at_s", at_s, SECONDS)],
+            Self::DoorsMove { from_s, for_s } => {
+                vec![("faults.doors_move.from_s", from_s, SECONDS), ("faults.doors_move.for_s", for_s, SECONDS)]
+            }
             Self::LidarDropout { from_s, for_s } => {
                 vec![("faults.lidar_dropout.from_s", from_s, SECONDS), ("faults.lidar_dropout.for_s", for_s, SECONDS)]
             }
@@ -122,6 +165,15 @@ impl Fault {
         let is_impossible = |&(_, value, (least, most, _)): &(&str, f64, Bounds)| !(least..=most).contains(&value);
         settings.into_iter().find(is_impossible).map(|(key, value, (_, _, expected))| (key, value, expected))
     }
+}
+
+/// By how much the stamp of a reading at `time_s` is wrong, seconds: of a scan, or of another sensor.
+pub(super) fn clock_error_s(faults: &[Fault], time_s: f64, is_scan: bool) -> f64 {
+    let step_s = |fault: &Fault| match *fault {
+        Fault::ClockStep { at_s, by_s, lidar_only } if time_s >= at_s && (is_scan || !lidar_only) => by_s,
+        _ => 0.0,
+    };
+    faults.iter().map(step_s).sum()
 }
 
 /// Whether `time_s` lies within `for_s` seconds from `from_s` on.

@@ -2,8 +2,9 @@
 
 use super::floor::{Floor, Paint, Patch};
 use super::font;
+use super::moving_walls::{Door, LooseBox};
 use super::walker::Walker;
-use super::world::{Material, Wall, Waypoint, World};
+use super::world::{Command, Material, Wall, Waypoint, World};
 use crate::geometry::Pose2;
 use crate::random::{Stage, generator};
 use rand::RngExt;
@@ -30,6 +31,9 @@ pub(super) struct FloorPlan {
     objects: Vec<Wall>,
     walkers: Vec<Walker>,
     route: Vec<Waypoint>,
+    loose: Vec<LooseBox>,
+    doors: Vec<Door>,
+    commands: Vec<Command>,
 }
 
 impl FloorPlan {
@@ -42,6 +46,9 @@ impl FloorPlan {
             objects: Vec::new(),
             walkers: Vec::new(),
             route: Vec::new(),
+            loose: Vec::new(),
+            doors: Vec::new(),
+            commands: Vec::new(),
         }
     }
 
@@ -55,6 +62,21 @@ impl FloorPlan {
         let space = Rectangle { x, y };
         self.spaces.push(space);
         space
+    }
+
+    /// The easternmost edge of all that is free so far, metres.
+    pub(super) fn east_m(&self) -> f64 {
+        self.spaces.iter().map(|space| space.x[1]).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The western edge of the spaces that hold a place's x coordinate, or lie farther west but belong to the same
+    /// place: the smallest x from which nothing but free ground lies up to `x`, metres.
+    pub(super) fn west_of_m(&self, x: f64) -> f64 {
+        let mut edge = x;
+        while let Some(farther) = self.spaces.iter().find(|space| space.x[0] < edge - 1e-9 && space.x[1] > edge - 0.5) {
+            edge = farther.x[0];
+        }
+        edge
     }
 
     /// A corridor around a rectangle, which is its outer edge.
@@ -145,10 +167,51 @@ impl FloorPlan {
             let y = self.random.random_range(bottom..top);
             let center = Pose2::new(x, y, self.random.random_range(-0.4..0.4));
             let color = std::array::from_fn(|_| self.random.random_range(60..220));
-            if self.distance_to_route_m([x, y]) > reach_m + CLEARANCE_M {
+            if self.is_off_the_route([x, y], reach_m) {
                 self.crate_box(center, half_size_m, color);
             }
         }
+    }
+
+    /// A crate at a random place of a room, and another place to which it may be moved; nothing where there is no
+    /// room for it off the route (which must be known by then).
+    pub(super) fn loose_box(&mut self, room: Rectangle) {
+        let half_size_m: [f64; 2] = [self.random.random_range(0.2..0.5), self.random.random_range(0.15..0.4)];
+        let reach_m = half_size_m[0].hypot(half_size_m[1]);
+        let inset = |span: [f64; 2]| [span[0] + reach_m + 0.05, span[1] - reach_m - 0.05];
+        let ([left, right], [bottom, top]) = (inset(room.x), inset(room.y));
+        if left >= right || bottom >= top {
+            return;
+        }
+        let mut place = || {
+            let (x, y) = (self.random.random_range(left..right), self.random.random_range(bottom..top));
+            Pose2::new(x, y, self.random.random_range(-0.4..0.4))
+        };
+        let centers = [place(), place()];
+        if centers.iter().all(|center| self.is_off_the_route([center.x, center.y], reach_m)) {
+            self.loose.push(LooseBox { centers, half_size_m });
+        }
+    }
+
+    /// A door that is open unless it is told to swing.
+    pub(super) fn door(&mut self, hinge: Pose2, width_m: f64, opens_rad: f64) {
+        let period_s = self.random.random_range(6.0..15.0);
+        self.doors.push(Door { hinge, width_m, opens_rad, period_s });
+    }
+
+    /// Shortens the route to its start, where the robot looks eastwards.
+    pub(super) fn face_east(&mut self) {
+        self.route.truncate(1);
+    }
+
+    /// Speeds to keep to in place of a route.
+    pub(super) fn command(&mut self, speed_m_s: f64, turn_rate_rad_s: f64, for_s: f64) {
+        self.commands.push(Command { speed_m_s, turn_rate_rad_s, for_s });
+    }
+
+    /// Whether something of this radius leaves the route clear.
+    pub(super) fn is_off_the_route(&self, center_m: [f64; 2], radius_m: f64) -> bool {
+        self.distance_to_route_m(center_m) > radius_m + CLEARANCE_M
     }
 
     /// A person who walks to and fro along a line.
@@ -191,7 +254,16 @@ impl FloorPlan {
         }
         walls.extend_from_slice(&self.objects);
         let floor = self.paint();
-        World { name: name.to_owned(), walls, walkers: self.walkers, floor, route: self.route }
+        World {
+            name: name.to_owned(),
+            walls,
+            walkers: self.walkers,
+            floor,
+            route: self.route,
+            loose: self.loose,
+            doors: self.doors,
+            commands: self.commands,
+        }
     }
 
     /// Tiles; along the route carpets, a stripe on its left and signs to be read by the robot.

@@ -13,6 +13,9 @@ pub(super) const GRAVITY_M_S2: f64 = 9.80665;
 /// All readings of a drive.
 pub(super) fn imu_readings(simulation: &SimulationConfig, seed: u64, trajectory: &Trajectory) -> Vec<ImuReading> {
     let config = &simulation.imu;
+    if simulation.pose_odometry.is_some() || !config.is_there {
+        return Vec::new();
+    }
     let random = &mut generator(seed, Stage::Sensors, 0, super::SENSOR_IMU);
     let mut normal = |deviation: f64| -> f64 { deviation * random.sample::<f64, _>(StandardNormal) };
     let mut bias_rad_s: [f64; 3] = std::array::from_fn(|_| normal(config.gyro_bias_rad_s));
@@ -34,7 +37,7 @@ pub(super) fn imu_readings(simulation: &SimulationConfig, seed: u64, trajectory:
                 GRAVITY_M_S2,
             ];
             ImuReading {
-                stamp_s: simulation.start_stamp_s + time_s,
+                stamp_s: simulation.stamp_s(time_s),
                 angular_velocity_rad_s: std::array::from_fn(|axis| {
                     turn_rate_rad_s[axis] + bias_rad_s[axis] + normal(config.gyro_noise_rad_s)
                 }),

@@ -3,6 +3,7 @@
 use super::config::SimulationConfig;
 use super::drive::SimulatedDrive;
 use super::fault::{Fault, within};
+use super::moving_walls::crossing_m;
 use super::trajectory::Sample;
 use super::walker::leg_range_m;
 use crate::SensorId;
@@ -16,8 +17,12 @@ use std::sync::Arc;
 const FAR_M: f64 = 10.0;
 /// Ranges come in whole millimetres.
 const UNITS_PER_M: f64 = 1000.0;
-/// What the sensor writes for a ray without a return: a range beyond its reach, or one below it, metres.
-const NO_RETURN_M: [f32; 2] = [60.0, 0.001];
+/// What the sensor writes for a ray without a return, metres: a range beyond its reach, at least so far …
+const BEYOND_M: f64 = 60.0;
+/// … or one below it.
+const BELOW_M: f32 = 0.001;
+/// What stands this much farther off than its neighbour is behind an edge, metres.
+const EDGE_M: f64 = 0.2;
 
 /// The sensor on its robot.
 #[derive(Debug, Clone)]
@@ -90,6 +95,10 @@ impl Lidar {
                 _ => None,
             })
             .fold(config.dropout_share, f64::max);
+        let no_return_m = [config.range_max_m.max(BEYOND_M) as f32, BELOW_M];
+        let robot = trajectory.at(time_s).pose();
+        let moving_walls_m = world.moving_walls_m(time_s, &robot, config.range_max_m, &simulation.faults);
+        let mut last_level_m = f64::INFINITY;
         let cast = |(ray, &offset_s): (&BodyRay, &f32)| {
             let Sample { position_m, heading_rad, .. } = trajectory.at(time_s + f64::from(offset_s));
             let (sin, cos) = heading_rad.sin_cos();
@@ -98,28 +107,52 @@ impl Lidar {
             let from_m = [position_m[0] + offset_m[0], position_m[1] + offset_m[1]];
             let reach_m = config.range_max_m / ray.slant;
             let wall_m = caster.cast(from_m, direction, reach_m, |share| random.random_bool(share));
-            let level_m = legs_m
-                .iter()
-                .filter_map(|&leg| leg_range_m(leg, from_m, direction))
-                .fold(wall_m.map_or(f64::INFINITY, |hit| hit.range_m), f64::min);
+            let fixed_m = wall_m.map_or(f64::INFINITY, |hit| hit.range_m);
+            let legs = legs_m.iter().filter_map(|&leg| leg_range_m(leg, from_m, direction));
+            let moving = moving_walls_m.iter().filter_map(|&ends| crossing_m(ends, from_m, direction));
+            let mut level_m = legs.chain(moving).fold(fixed_m, f64::min);
+            // Beside an edge a ray's light comes back from what is near and from what is behind.
+            let beside_m = std::mem::replace(&mut last_level_m, level_m);
+            if config.mixed_pixel_share > 0.0
+                && beside_m < level_m.min(reach_m) - EDGE_M
+                && random.random_bool(config.mixed_pixel_share)
+            {
+                level_m = random.random_range(beside_m..level_m.min(reach_m));
+            }
+            let intensity = match wall_m {
+                Some(hit) if config.weak_return_noise > 0.0 => {
+                    world.walls[hit.wall].intensity(direction) * (1.0 - level_m / reach_m).clamp(0.0, 1.0)
+                }
+                _ => 1.0,
+            };
             let mut range_m = (level_m * ray.slant).min(ray.floor_m);
             if config.short_share > 0.0 && random.random_bool(config.short_share) {
                 range_m = range_m.min(config.range_max_m) * random.random_range(0.05..1.0);
             }
             if lost > 0.0 && random.random_bool(lost) {
-                return NO_RETURN_M[usize::from(random.random_bool(0.5))];
+                return no_return_m[usize::from(random.random_bool(0.5))];
             }
-            let noise_m = if range_m < FAR_M { config.near_noise_m } else { config.far_noise_m };
+            if config.sunlight_share > 0.0 {
+                let share_of_reach = (range_m / config.range_max_m).min(1.0);
+                if random.random_bool(config.sunlight_share * share_of_reach * share_of_reach) {
+                    return no_return_m[usize::from(random.random_bool(0.5))];
+                }
+            }
+            let mut noise_m = if range_m < FAR_M { config.near_noise_m } else { config.far_noise_m };
+            if range_m.is_finite() {
+                noise_m += config.noise_share * range_m;
+            }
+            noise_m *= 1.0 + config.weak_return_noise * (1.0 - intensity);
             let noise: f64 = random.sample(StandardNormal);
-            range_m += noise_m * noise;
+            range_m += noise_m * noise + config.range_bias_m;
             if range_m >= config.range_max_m {
-                return NO_RETURN_M[0];
+                return no_return_m[0];
             }
             (((range_m * UNITS_PER_M + 0.5) as u32) as f64 / UNITS_PER_M) as f32
         };
         Scan {
             sensor: SensorId::default(),
-            stamp_s: simulation.start_stamp_s + time_s,
+            stamp_s: simulation.scan_stamp_s(time_s),
             ranges_m: self.rays.iter().zip(&self.geometry.time_offsets_s).map(cast).collect(),
             geometry: Arc::clone(&self.geometry),
             odometry: None,

@@ -77,6 +77,7 @@ fn every_route_keeps_clear_of_walls_and_furniture() {
             config.lidar.field_of_view_rad = std::f64::consts::TAU;
             let mut world = World::named(name, seed).unwrap();
             world.walkers.clear();
+            let follows_a_route = world.commands().is_empty();
             let drive = simulate(world, config, seed).unwrap();
             let nearest_m = (0..drive.scan_count())
                 .flat_map(|scan| drive.scan(scan).ranges_m)
@@ -86,7 +87,8 @@ fn every_route_keeps_clear_of_walls_and_furniture() {
             let end = drive.truth().last().unwrap().pose;
             let last = drive.world().route().last().unwrap().position_m;
             let end = drive.start.compose(&end);
-            assert!((end.x - last[0]).hypot(end.y - last[1]) < 0.15, "{name} does not arrive: {end:?}, {last:?}");
+            let off_m = (end.x - last[0]).hypot(end.y - last[1]);
+            assert!(off_m < 0.15 || !follows_a_route, "{name} does not arrive: {end:?}, {last:?}");
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use super::config::MotionConfig;
 use super::fault::Fault;
-use super::world::{Waypoint, World};
+use super::world::{Command, Waypoint, World};
 use crate::geometry::{Pose2, wrap_angle};
 use std::f64::consts::PI;
 
@@ -43,8 +43,10 @@ pub(super) struct Sample {
     pub(super) turn_rate_rad_s: f64,
     /// How far the body's origin has travelled, metres; reverse counts backwards.
     pub(super) travelled_m: f64,
-    /// By how much the body has turned, radians, kidnappings aside.
+    /// By how much the course has turned, radians, kidnappings aside.
     pub(super) turned_rad: f64,
+    /// How far the body looks to the left of its course, radians.
+    pub(super) aside_rad: f64,
 }
 
 impl Sample {
@@ -67,11 +69,28 @@ impl Trajectory {
             })
             .collect();
         kidnappings.sort_by(|a, b| b.0.total_cmp(&a.0));
-        for run in Run::split(world.route()) {
-            driver.follow(&run, &mut kidnappings);
+        for command in world.commands() {
+            driver.obey(command);
+        }
+        if world.commands().is_empty() {
+            let mut pauses_s = motion.pauses_s.clone();
+            pauses_s.sort_by(|a, b| b[0].total_cmp(&a[0]));
+            for run in Run::split(world.route()) {
+                driver.follow(&run, &mut kidnappings, &mut pauses_s);
+            }
         }
         driver.stand(FINAL_STANDSTILL_S);
-        Self { samples: driver.samples }
+        let mut samples = driver.samples;
+        look_aside(&mut samples, motion);
+        Self { samples }
+    }
+
+    /// The motion of the body's origin between two times in its own axes, by the wheels: a kidnapping is not in it.
+    pub(super) fn motion(&self, from_s: f64, to_s: f64) -> Pose2 {
+        let (from, to) = (self.at(from_s), self.at(to_s));
+        let course = Pose2::exp([to.travelled_m - from.travelled_m, 0.0, to.turned_rad - from.turned_rad]);
+        let aside = |sample: &Sample| Pose2::new(0.0, 0.0, sample.aside_rad);
+        aside(&from).inverse().compose(&course).compose(&aside(&to))
     }
 
     /// Time from the first moment to the last, seconds.
@@ -97,6 +116,23 @@ impl Trajectory {
             turn_rate_rad_s: blend(a.turn_rate_rad_s, b.turn_rate_rad_s),
             travelled_m: blend(a.travelled_m, b.travelled_m),
             turned_rad: blend(a.turned_rad, b.turned_rad),
+            aside_rad: blend(a.aside_rad, b.aside_rad),
+        }
+    }
+}
+
+/// Turns the body of an omnidirectional robot to either side of its course, to and fro.
+fn look_aside(samples: &mut [Sample], motion: &MotionConfig) {
+    if motion.look_aside_rad == 0.0 {
+        return;
+    }
+    let rate_rad_s = std::f64::consts::TAU / motion.look_aside_period_s;
+    for (index, sample) in samples.iter_mut().enumerate() {
+        let moving_s = (index as f64 * STEP_S - motion.standstill_s).max(0.0);
+        sample.aside_rad = motion.look_aside_rad * (rate_rad_s * moving_s).sin();
+        sample.heading_rad += sample.aside_rad;
+        if moving_s > 0.0 {
+            sample.turn_rate_rad_s += motion.look_aside_rad * rate_rad_s * (rate_rad_s * moving_s).cos();
         }
     }
 }
@@ -215,8 +251,23 @@ impl<'a> Driver<'a> {
         }
     }
 
-    /// Drives to the end of the run. `kidnappings` holds (when, how far ahead), latest first.
-    fn follow(&mut self, run: &Run, kidnappings: &mut Vec<(f64, f64)>) {
+    /// Keeps to a command's speeds, then stops.
+    fn obey(&mut self, command: &Command) {
+        for _ in 0..(command.for_s / STEP_S).ceil() as usize {
+            self.step(command.speed_m_s, command.turn_rate_rad_s);
+        }
+        self.stop();
+    }
+
+    fn stop(&mut self) {
+        while self.state.speed_m_s != 0.0 || self.state.turn_rate_rad_s != 0.0 {
+            self.step(0.0, 0.0);
+        }
+    }
+
+    /// Drives to the end of the run. `kidnappings` holds (when, how far ahead), `pauses_s` (when, how long), latest
+    /// first.
+    fn follow(&mut self, run: &Run, kidnappings: &mut Vec<(f64, f64)>, pauses_s: &mut Vec<[f64; 2]>) {
         let forward = if run.in_reverse { -1.0 } else { 1.0 };
         let mut along_m = 0.0;
         // A bound on the work, far above what any route takes.
@@ -233,6 +284,12 @@ impl<'a> Driver<'a> {
                 self.state.heading_rad = run.direction_rad(along_m) + if run.in_reverse { PI } else { 0.0 };
                 continue;
             }
+            if let Some([_, for_s]) = pauses_s.pop_if(|pause_s| pause_s[0] <= time_s) {
+                self.stop();
+                self.stand(for_s);
+                along_m = run.progress_m(along_m, self.state.position_m);
+                continue;
+            }
             let aim = run.point_m(along_m + LOOKAHEAD_M);
             let [dx, dy] = [aim[0] - self.state.position_m[0], aim[1] - self.state.position_m[1]];
             let course_rad = self.state.heading_rad + if run.in_reverse { PI } else { 0.0 };
@@ -241,9 +298,7 @@ impl<'a> Driver<'a> {
             self.step(forward * run.speed_m_s(along_m, self.motion) * turning, 2.5 * off_rad);
             along_m = run.progress_m(along_m, self.state.position_m);
         }
-        while self.state.speed_m_s != 0.0 || self.state.turn_rate_rad_s != 0.0 {
-            self.step(0.0, 0.0);
-        }
+        self.stop();
     }
 
     fn step(&mut self, speed_m_s: f64, turn_rate_rad_s: f64) {

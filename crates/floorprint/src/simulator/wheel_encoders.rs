@@ -4,7 +4,7 @@ use super::config::SimulationConfig;
 use super::fault::{Fault, within};
 use super::trajectory::Trajectory;
 use crate::random::{Stage, generator};
-use crate::sensors::{EncoderReading, WheelConfig};
+use crate::sensors::EncoderReading;
 use rand::RngExt;
 use rand_distr::StandardNormal;
 
@@ -35,7 +35,9 @@ impl WheelCounts {
 
 /// All readings of a drive; none without wheels.
 pub(super) fn wheel_counts(simulation: &SimulationConfig, seed: u64, trajectory: &Trajectory) -> Vec<WheelCounts> {
-    let Some(calibration) = &simulation.robot.wheels else { return Vec::new() };
+    let Some(calibration) = simulation.robot.wheels.as_ref().filter(|_| simulation.pose_odometry.is_none()) else {
+        return Vec::new();
+    };
     let config = &simulation.wheels;
     let random = &mut generator(seed, Stage::Sensors, 0, super::SENSOR_WHEELS);
     let mut normal = || -> f64 { random.sample(StandardNormal) };
@@ -47,7 +49,8 @@ pub(super) fn wheel_counts(simulation: &SimulationConfig, seed: u64, trajectory:
     let mut counts = Vec::with_capacity(count);
     for index in 0..count {
         let time_s = FIRST_S + index as f64 * interval_s;
-        let rolled_m = rolled_m(calibration, trajectory, time_s - interval_s, time_s);
+        let track_width_m = calibration.track_width_m * (1.0 + config.track_error);
+        let rolled_m = rolled_m(track_width_m, trajectory, time_s - interval_s, time_s);
         let mut lost = false;
         let mut ticks = [0; 4];
         for (side, per_tick_m) in [calibration.right_m_per_tick, calibration.left_m_per_tick].into_iter().enumerate() {
@@ -55,6 +58,9 @@ pub(super) fn wheel_counts(simulation: &SimulationConfig, seed: u64, trajectory:
             for fault in &simulation.faults {
                 match *fault {
                     Fault::WheelSlip { from_s, for_s, share } if within(time_s, from_s, for_s) => {
+                        distance_m *= 1.0 + share;
+                    }
+                    Fault::LeftWheelsSlip { from_s, for_s, share } if side == 1 && within(time_s, from_s, for_s) => {
                         distance_m *= 1.0 + share;
                     }
                     Fault::EncodersSignLost { from_s, for_s } if within(time_s, from_s, for_s) => {
@@ -78,15 +84,15 @@ pub(super) fn wheel_counts(simulation: &SimulationConfig, seed: u64, trajectory:
         if lost {
             ticks = [0; 4];
         }
-        counts.push(WheelCounts { stamp_s: simulation.start_stamp_s + time_s, ticks });
+        counts.push(WheelCounts { stamp_s: simulation.stamp_s(time_s), ticks });
     }
     counts
 }
 
 /// How far the right and the left wheels roll between two times, metres.
-fn rolled_m(calibration: &WheelConfig, trajectory: &Trajectory, from_s: f64, to_s: f64) -> [f64; 2] {
+fn rolled_m(track_width_m: f64, trajectory: &Trajectory, from_s: f64, to_s: f64) -> [f64; 2] {
     let (from, to) = (trajectory.at(from_s), trajectory.at(to_s));
     let (travelled_m, turned_rad) = (to.travelled_m - from.travelled_m, to.turned_rad - from.turned_rad);
-    let arc_m = 0.5 * calibration.track_width_m * turned_rad;
+    let arc_m = 0.5 * track_width_m * turned_rad;
     [travelled_m + arc_m, travelled_m - arc_m]
 }

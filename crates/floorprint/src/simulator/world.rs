@@ -2,6 +2,7 @@
 
 use super::fault::{Fault, within};
 use super::floor::Floor;
+use super::moving_walls::{Door, LooseBox};
 use super::ray_caster::RayCaster;
 use super::walker::{Walker, companion_legs_m};
 use crate::geometry::Pose2;
@@ -17,6 +18,22 @@ pub struct World {
     pub(super) walkers: Vec<Walker>,
     pub(super) floor: Floor,
     pub(super) route: Vec<Waypoint>,
+    /// What stands elsewhere once it was moved.
+    pub(super) loose: Vec<LooseBox>,
+    pub(super) doors: Vec<Door>,
+    /// Speeds to keep to in place of a route.
+    pub(super) commands: Vec<Command>,
+}
+
+/// Speeds that the robot keeps to for a while.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Command {
+    /// Speed ahead, m/s.
+    pub speed_m_s: f64,
+    /// Yaw rate, rad/s.
+    pub turn_rate_rad_s: f64,
+    /// For how long, seconds.
+    pub for_s: f64,
 }
 
 /// A straight piece of wall.
@@ -30,6 +47,17 @@ pub struct Wall {
     pub material: Material,
     /// Its paint.
     pub color: [u8; 3],
+}
+
+impl Wall {
+    /// Share of the light of a ray of this direction that comes back: dark and grazed surfaces return little.
+    pub(super) fn intensity(&self, direction: [f64; 2]) -> f64 {
+        let along = [self.to_m[0] - self.from_m[0], self.to_m[1] - self.from_m[1]];
+        let length_m = along[0].hypot(along[1]).max(1e-9);
+        let cos_incidence = ((along[0] * direction[1] - along[1] * direction[0]) / length_m).abs();
+        let brightness = self.color.iter().map(|&channel| f64::from(channel)).sum::<f64>() / (3.0 * 255.0);
+        (0.3 + 0.7 * brightness) * cos_incidence
+    }
 }
 
 /// What a wall is made of.
@@ -70,6 +98,12 @@ impl World {
     #[must_use]
     pub fn route(&self) -> &[Waypoint] {
         &self.route
+    }
+
+    /// The speeds to keep to in place of the route; most worlds have none.
+    #[must_use]
+    pub fn commands(&self) -> &[Command] {
+        &self.commands
     }
 
     /// Length of the route, metres.
@@ -120,6 +154,21 @@ impl World {
             }
         }
         legs
+    }
+
+    /// Ends of all walls that can move, where they are at a time, when the robot is at `robot`; none of those farther
+    /// than `reach_m` from it.
+    pub(super) fn moving_walls_m(
+        &self,
+        time_s: f64,
+        robot: &Pose2,
+        reach_m: f64,
+        faults: &[Fault],
+    ) -> Vec<[[f64; 2]; 2]> {
+        let boxes = self.loose.iter().flat_map(|loose| loose.walls_m(time_s, faults));
+        let doors = self.doors.iter().map(|door| door.wall_m(time_s, robot, faults));
+        let is_near = |ends: &[[f64; 2]; 2]| ends.iter().any(|[x, y]| (x - robot.x).hypot(y - robot.y) < reach_m);
+        boxes.chain(doors).filter(is_near).collect()
     }
 
     pub(super) fn ray_caster(&self) -> RayCaster {

@@ -1,15 +1,17 @@
 //! The named worlds.
 
 use super::SimulationError;
+use super::config::SimulationConfig;
 use super::floor_plan::{FloorPlan, Rectangle};
 use super::world::World;
+use super::worlds_of_their_own::{campus, maneuver, maneuvers, robot_of};
 use crate::geometry::Pose2;
 use rand::RngExt;
 
 type Builder = fn(u64) -> FloorPlan;
 
-/// Every world with the function that draws it.
-const WORLDS: [(&str, Builder); 14] = [
+/// Every world with the function that draws it, but for the six maneuvers.
+const WORLDS: [(&str, Builder); 15] = [
     ("rooms", rooms),
     ("corridors", corridors),
     ("loop", small_loop),
@@ -24,12 +26,19 @@ const WORLDS: [(&str, Builder); 14] = [
     ("large_hall", large_hall),
     ("identical_rooms", identical_rooms),
     ("look_alike", look_alike),
+    ("campus", campus),
 ];
 
 impl World {
     /// The names of all worlds.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        WORLDS.iter().map(|(name, _)| *name)
+        WORLDS.iter().map(|(name, _)| *name).chain(maneuvers())
+    }
+
+    /// The robot that drives through a named world, where that has one of its own.
+    #[must_use]
+    pub fn own_robot(name: &str) -> Option<SimulationConfig> {
+        robot_of(name)
     }
 
     /// The world of a name; furniture, recesses and colours come from the seed.
@@ -37,6 +46,9 @@ impl World {
     /// # Errors
     /// When no world has that name.
     pub fn named(name: &str, seed: u64) -> Result<Self, SimulationError> {
+        if maneuvers().any(|maneuver| maneuver == name) {
+            return Ok(maneuver(name, seed).build(name));
+        }
         let builder = WORLDS.iter().find(|(known, _)| *known == name).map(|(_, builder)| builder);
         let builder = builder.ok_or_else(|| SimulationError::unknown_world(name))?;
         Ok(builder(seed).build(name))

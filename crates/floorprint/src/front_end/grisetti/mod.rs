@@ -90,6 +90,7 @@ impl GrisettiFilter {
                 score: 0.0,
                 resampled: false,
                 odometry_rejected: false,
+                covariance: Matrix3::zeros(),
             },
             steps: 0,
         }

@@ -1,0 +1,52 @@
+//! How fast scans usually follow each other on this drive.
+
+use serde::{Deserialize, Serialize};
+
+/// The usual time from one scan to the next.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub(super) struct Pace {
+    /// Seconds; 0 as long as nothing is known.
+    usual_s: f64,
+}
+
+/// Share of the newest interval in the usual one.
+const NEWEST: f64 = 0.1;
+/// Scans are missing when so many of the usual intervals have passed.
+const GAP_STEPS: f64 = 4.0;
+
+impl Pace {
+    /// For how many scans of the usual pace the time since the last one would do, at least one; learns from it.
+    pub(super) fn steps(&mut self, elapsed_s: f64) -> f64 {
+        if elapsed_s <= 0.0 {
+            return 1.0;
+        }
+        if self.usual_s == 0.0 {
+            self.usual_s = elapsed_s;
+        }
+        let steps = elapsed_s / self.usual_s;
+        // A gap says nothing about the pace, unless it is the pace.
+        self.usual_s += NEWEST * (steps.min(GAP_STEPS) * self.usual_s - self.usual_s);
+        steps.max(1.0)
+    }
+}
+
+/// Whether scans are missing from a time in which so many would have come.
+pub(super) fn is_gap(steps: f64) -> bool {
+    steps > GAP_STEPS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_are_told_from_a_slow_pace() {
+        let mut pace = Pace::default();
+        assert!((0..50).all(|_| !is_gap(pace.steps(0.1))));
+        let after = pace.steps(5.0);
+        assert!(is_gap(after) && after > 40.0, "{after}");
+        let slow = (0..60).map(|_| pace.steps(2.0)).last().unwrap();
+        assert!(!is_gap(slow), "{slow}");
+        assert_eq!(pace.steps(0.0), 1.0);
+    }
+}
