@@ -171,7 +171,8 @@ impl ParticleFilter {
             score: fit.map_or(0.0, |fit| fit.result.score),
             resampled,
             odometry_rejected: fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed),
-            covariance: self.covariance,
+            // Where scan and odometry contradict each other the robot may be where either has it.
+            covariance: self.covariance + fit.map_or_else(Matrix3::zeros, |fit| fit.contradiction()),
         }
     }
 
@@ -245,7 +246,6 @@ impl ParticleFilter {
         } else {
             fit.covariance_without_scan(&self.covariance)
         };
-        self.covariance += fit.contradiction();
         self.is_doubtful |= fit.is_doubtful();
         if let Some(measured) = measured.filter(|_| is_believed) {
             let Tracker { pose, last_motion, .. } = self.best_particle();

@@ -21,9 +21,6 @@ const GOOD_ENOUGH: f64 = 0.6;
 /// The scan overrules the odometry only if this much more of it fits elsewhere. Less is no proof:
 /// where much of what is seen is new, a wrong pose along a corridor gains as much by chance.
 const CLEARLY_BETTER: f64 = 0.2;
-/// And only if it is so many points more. A search tries some ten thousand poses, of which the best fits by chance: of
-/// independent points a dozen more would be proof, and those of neighbouring rays are not independent.
-const POINTS_OF_PROOF: f64 = 36.0;
 /// Where the scan contradicts the odometry, the robot is believed to go on as before even if this much less of it fits there.
 const SLIGHTLY: f64 = 0.05;
 /// After a search the odometry is believed this much less (as a factor on its information).
@@ -91,8 +88,7 @@ pub fn locate(
             break;
         }
     }
-    let least_gain = CLEARLY_BETTER.max(POINTS_OF_PROOF / scan.len() as f64);
-    if best.inlier_share > predicted.inlier_share + least_gain {
+    if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER {
         (best, OdometryVerdict::Abandoned)
     } else {
         (predicted, verdict)
