@@ -21,6 +21,8 @@ pub struct DeadReckoning {
     knots: VecDeque<Knot>,
     /// How many knots before these were forgotten.
     forgotten: usize,
+    /// Pose of the very first knot.
+    first: Option<Pose2>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -51,7 +53,12 @@ impl DeadReckoning {
 
     /// A trajectory without a knot.
     pub(super) const fn nowhere() -> Self {
-        Self { knots: VecDeque::new(), forgotten: 0 }
+        Self { knots: VecDeque::new(), forgotten: 0, first: None }
+    }
+
+    /// Pose of the very first knot, forgotten or not.
+    pub(super) fn first(&self) -> Option<Pose2> {
+        self.first
     }
 
     /// The last knot.
@@ -65,6 +72,7 @@ impl DeadReckoning {
             stamp_s = stamp_s.max(last.stamp_s);
             known_s = known_s.max(last.known_s);
         }
+        self.first.get_or_insert(pose);
         self.knots.push_back(Knot { stamp_s, pose, known_s });
     }
 
@@ -151,6 +159,7 @@ impl DeadReckoning {
         for knot in &mut self.knots {
             knot.pose = origin.between(&knot.pose);
         }
+        self.first = self.first.map(|first| origin.between(&first));
         self
     }
 }

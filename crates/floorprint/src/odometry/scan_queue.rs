@@ -59,13 +59,14 @@ impl ScanQueue {
         }
     }
 
-    /// Takes in a LiDAR's next scan. Gives the latest stamp that is to be believed now, seconds.
-    pub(super) fn push(&mut self, scan: Scan, dropped: &mut Dropped) -> Option<f64> {
+    /// Takes in a LiDAR's next scan while it is `clock_s` (seconds) by all sensors. Gives the latest stamp that is to be
+    /// believed now, seconds.
+    pub(super) fn push(&mut self, scan: Scan, clock_s: f64, dropped: &mut Dropped) -> Option<f64> {
         let position = self.lidars.iter().position(|lidar| lidar.sensor == scan.sensor).unwrap_or_else(|| {
             self.lidars.push(Lidar::new(scan.sensor));
             self.lidars.len() - 1
         });
-        self.lidars[position].push(scan, dropped)
+        self.lidars[position].push(scan, clock_s, dropped)
     }
 
     /// Takes in the scans whose stamps are still in question; nothing else comes.
@@ -115,14 +116,14 @@ impl Lidar {
         }
     }
 
-    fn push(&mut self, scan: Scan, dropped: &mut Dropped) -> Option<f64> {
+    fn push(&mut self, scan: Scan, clock_s: f64, dropped: &mut Dropped) -> Option<f64> {
         let stamp_s = scan.stamp_s;
         let scan = self.is_usable(&scan, dropped).then_some(scan);
         if !stamp_s.is_finite() {
             self.enqueue((stamp_s, None), false);
             return None;
         }
-        let judged = self.filter.push(stamp_s, (stamp_s, scan)).into_iter().flatten();
+        let judged = self.filter.push(stamp_s, (stamp_s, scan), clock_s).into_iter().flatten();
         judged.filter_map(|(held, is_believed)| self.enqueue(held, is_believed)).last()
     }
 

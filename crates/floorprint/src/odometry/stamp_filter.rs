@@ -1,8 +1,8 @@
 //! Stray stamps: a leap in time counts only once the sensor's next record confirms it.
 //!
 //! One garbled stamp must neither push the clock ahead, after which everything that follows would be late, nor be
-//! told from a pause of the sensor before its next record is there. A record whose stamp leaps is therefore held
-//! until then; the order of a sensor's records never changes.
+//! told from a pause of the sensor before its next record is there. A record whose stamp leaps away from its sensor's
+//! and from all others' is therefore held until then; the order of a sensor's records never changes.
 
 /// Stamps of one sensor farther apart than this are held until the next one confirms them, seconds. It is longer than
 /// the interval of any usual sensor, and holding one costs no more than the wait for its successor.
@@ -25,8 +25,9 @@ impl<T> Default for StampFilter<T> {
 }
 
 impl<T> StampFilter<T> {
-    /// Takes in the sensor's next record; gives those that are judged now, in order.
-    pub(super) fn push(&mut self, stamp_s: f64, record: T) -> [Option<Judged<T>>; 2] {
+    /// Takes in the sensor's next record while it is `clock_s` (seconds) by all sensors; gives those that are judged
+    /// now, in order.
+    pub(super) fn push(&mut self, stamp_s: f64, record: T, clock_s: f64) -> [Option<Judged<T>>; 2] {
         let before = self.held.take().map(|(held_s, held)| {
             let confirmed = confirms(self.newest_s, held_s, stamp_s);
             if confirmed {
@@ -34,7 +35,8 @@ impl<T> StampFilter<T> {
             }
             (held, confirmed)
         });
-        if self.newest_s.is_some_and(|newest_s| (stamp_s - newest_s).abs() <= LEAP_S) {
+        let newest_s = self.newest_s.unwrap_or(f64::NEG_INFINITY);
+        if [newest_s, clock_s].iter().any(|reached_s| (stamp_s - reached_s).abs() <= LEAP_S) {
             self.count(stamp_s);
             return [before, Some((record, true))];
         }
@@ -65,7 +67,7 @@ mod tests {
     fn judged(stamps_s: &[f64]) -> Vec<(f64, bool)> {
         let mut filter = StampFilter::default();
         let mut judged: Vec<(f64, bool)> =
-            stamps_s.iter().flat_map(|&stamp_s| filter.push(stamp_s, stamp_s)).flatten().collect();
+            stamps_s.iter().flat_map(|&stamp_s| filter.push(stamp_s, stamp_s, f64::NEG_INFINITY)).flatten().collect();
         judged.extend(filter.finish().map(|stamp_s| (stamp_s, true)));
         judged
     }
@@ -80,6 +82,14 @@ mod tests {
     fn slow_sensors_and_single_records_pass() {
         assert!(judged(&[0.0, 20.0, 40.0, 55.0]).iter().all(|judged| judged.1));
         assert_eq!(judged(&[7.0]), [(7.0, true)]);
+    }
+
+    #[test]
+    fn what_the_other_sensors_confirm_is_not_held() {
+        let mut filter = StampFilter::default();
+        assert_eq!(filter.push(1.0, 'a', 0.9), [None, Some(('a', true))]);
+        assert_eq!(filter.push(50.0, 'b', 49.0), [None, Some(('b', true))]);
+        assert_eq!(filter.push(90.0, 'c', 50.0), [None, None]);
     }
 
     #[test]

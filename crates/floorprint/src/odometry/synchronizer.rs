@@ -275,7 +275,7 @@ impl Synchronizer {
                         self.sources.carried.push(StampedPose { stamp_s: scan.stamp_s, pose }, scan.stamp_s);
                     }
                 }
-                let believed_s = self.scans.push(scan, dropped);
+                let believed_s = self.scans.push(scan, self.clock_s, dropped);
                 self.clock_s = believed_s.map_or(self.clock_s, |stamp_s| self.clock_s.max(stamp_s));
             }
             Record::Encoders(reading) => {
@@ -292,7 +292,9 @@ impl Synchronizer {
                 if self.remembered_ticks.len() > REMEMBERED {
                     self.remembered_ticks.pop_front();
                 }
-                for (reading, is_believed) in self.encoders.push(reading.stamp_s, reading).into_iter().flatten() {
+                for (reading, is_believed) in
+                    self.encoders.push(reading.stamp_s, reading, self.clock_s).into_iter().flatten()
+                {
                     if is_believed {
                         self.take_ticks(reading);
                     } else {
@@ -305,7 +307,9 @@ impl Synchronizer {
                     dropped.imu_readings += 1;
                     return;
                 }
-                for (reading, is_believed) in self.imu.push(reading.stamp_s, reading).into_iter().flatten() {
+                for (reading, is_believed) in
+                    self.imu.push(reading.stamp_s, reading, self.clock_s).into_iter().flatten()
+                {
                     if is_believed {
                         self.take_imu(&reading);
                     } else {
@@ -318,7 +322,9 @@ impl Synchronizer {
                     dropped.odometry_poses += 1;
                     return;
                 }
-                for (stamped, is_believed) in self.poses.push(stamped.stamp_s, stamped).into_iter().flatten() {
+                for (stamped, is_believed) in
+                    self.poses.push(stamped.stamp_s, stamped, self.clock_s).into_iter().flatten()
+                {
                     if is_believed {
                         self.take_pose(stamped);
                     } else {
@@ -423,8 +429,10 @@ impl Synchronizer {
         };
         let path = self.sources.path();
         let odometry_from_body = carried.unwrap_or_else(|| path.pose_at_known(scan.stamp_s, known_s));
-        if is_known {
-            self.origin.get_or_insert(odometry_from_body);
+        if self.origin.is_none() && (is_known || path.span_known_s(known_s).is_some()) {
+            // What was driven while frames did not know of it counts from the odometry's beginning.
+            let start = path.first().filter(|_| self.previous.is_some());
+            self.origin = Some(start.unwrap_or(odometry_from_body));
         }
         let dead_reckoning = self.origin.map_or(Pose2::IDENTITY, |origin| origin.between(&odometry_from_body));
         self.unknown += usize::from(!is_known);

@@ -307,7 +307,7 @@ fn encoders_without_calibration_and_odometry_that_never_came_are_errors() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(96))]
 
     /// How the sensors' records come mixed changes nothing, whatever falls silent. After a pause a sensor's first record
     /// waits for its second, which counts as lateness.
