@@ -1,6 +1,7 @@
 //! Closing loops: places recognised again put the whole drive right.
 
 mod association;
+#[expect(clippy::module_inception, reason = "one type a file, named after it")]
 mod back_end;
 mod config;
 mod conflict;

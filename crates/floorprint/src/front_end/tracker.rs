@@ -163,11 +163,15 @@ pub(super) struct Fit {
     pub(super) odometry: OdometryVerdict,
 }
 
+/// Over fewer steps than this the errors of odometry are of one kind rather than by chance: wheels that slip, a scale
+/// that is not known yet.
+const LONG_GAP_STEPS: f64 = 20.0;
+
 /// Information of a motion over (x, y, θ). The errors of many steps add up by their squares, so that a motion over a gap
 /// is known better than a single step of its length.
 fn information_over(steps: f64, measured: &Pose2, motion: &MotionConfig, noise: f64) -> Matrix3<f64> {
     let at_once = motion.scaled_information(measured, noise);
-    if !is_gap(steps) {
+    if steps < LONG_GAP_STEPS {
         return at_once;
     }
     let step = Pose2::exp(measured.log().map(|part| part / steps));
