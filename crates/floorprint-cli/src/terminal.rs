@@ -155,6 +155,6 @@ mod tests {
 
     #[test]
     fn speeds_can_be_read() {
-        assert_eq!([561.8812, 3.14159, 0.0].map(in_words), ["562/s", "3.1/s", "0.0/s"]);
+        assert_eq!([561.8812, 3.1251, 0.0].map(in_words), ["562/s", "3.1/s", "0.0/s"]);
     }
 }

@@ -1,7 +1,5 @@
 //! The figures in the documents are the stored ones, and the stored ones are what the program gives.
 
-#![expect(clippy::print_stdout, reason = "it says what it skips")]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;

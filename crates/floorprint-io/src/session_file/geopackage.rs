@@ -128,7 +128,7 @@ impl Level {
     fn tile(&self, row: usize, column: usize) -> Option<Picture> {
         let pixels: Vec<[u8; 4]> =
             (0..TILE * TILE).map(|pixel| self.at(row * TILE + pixel / TILE, column * TILE + pixel % TILE)).collect();
-        pixels.iter().any(|pixel| pixel[3] > 0).then(|| Picture {
+        pixels.iter().any(|pixel| pixel[3] > 0).then_some(Picture {
             width: TILE,
             height: TILE,
             pixels: Pixels::Rgba8(pixels),
