@@ -12,6 +12,7 @@ use std::path::Path;
 /// Solve a drive as if it were live: records come late by a random bit, or never. Where none is lost the results are
 /// those of `run`.
 #[derive(Args)]
+#[group(skip)]
 pub(crate) struct Arguments {
     #[command(flatten)]
     run: run::Arguments,

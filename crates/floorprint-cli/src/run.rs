@@ -219,12 +219,13 @@ impl Task<'_> {
         if let Some(snapshots) = &snapshots {
             snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
         }
-        run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
+        // Before the report, by which a complete run is known.
         if let Some(keeper) = keeper {
             let floor = solution.floor.as_ref().map(|floor| &floor.map);
             let layers = Layers { session: &solution.session, map: &map, floor };
             keeper.finish(&layers, &config.matcher, &folder.path().join("session.gpkg"))?;
         }
+        run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
         interrupt.is_finishing();
         let out =
             if report.partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };

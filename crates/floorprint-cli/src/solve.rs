@@ -212,7 +212,11 @@ pub(crate) fn solve(
     partial |= around.interrupt.requested();
     Ok(Solution {
         odometry: steps.iter().map(|step| StampedPose { stamp_s: step.stamp_s, pose: step.dead_reckoning }).collect(),
-        summary: pass.summary(),
+        summary: SynchronisationSummary {
+            // Those that were not reached count, too.
+            scans: data_set.scans().count().max(pass.summary().scans),
+            ..pass.summary()
+        },
         trajectory: result.trajectory,
         closures: result.closures,
         kidnappings: result.kidnappings,

@@ -251,7 +251,7 @@ fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
     cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
     if cases.is_empty() {
-        let advice = "name data sets or folders that hold some, --world NAME, --growth KM,…, or --gauntlet N";
+        let advice = "name data sets or folders that hold some, --gauntlet N, --world NAME, or --growth KM,…";
         return Err(BadArguments(format!("there is nothing to measure: {advice}")).into());
     }
     Ok(cases)

@@ -154,10 +154,10 @@ fn world_columns() -> Vec<Column> {
 fn world_cost_columns() -> Vec<Column> {
     vec![
         ("RMSE °", with_worst(|run| run.rotation_deg, 3)),
-        ("over 4 s m", with_worst(|run| run.windowed_m, 4)),
-        ("yaw spread °", with_worst(|run| run.yaw_spread_deg, 3)),
+        ("4 s m", with_worst(|run| run.windowed_m, 4)),
+        ("yaw °", with_worst(|run| run.yaw_spread_deg, 3)),
         ("map F1", mean(|run| run.map_f1, 1.0, 3)),
-        ("scan ms, p99, max", Box::new(scan_ms)),
+        ("scan ms", Box::new(scan_ms)),
         ("end s", mean(|run| run.finish_s, 1.0, 2)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
         ("MB", memory_mb()),

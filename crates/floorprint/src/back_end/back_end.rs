@@ -35,7 +35,7 @@ const GIVEN_UP: f64 = 12.0;
 const SAME_EXPECTATION_M: f64 = 0.2;
 const SAME_EXPECTATION_RAD: f64 = 0.04;
 /// A robot that was kidnapped is looked for on so many submaps.
-const MOST_WHEN_LOST: usize = 20;
+const MOST_WHEN_LOST: usize = 60;
 /// A submap is known when less than this share of it lies on no older one.
 const NEW_SHARE: f64 = 0.3;
 /// The newest submaps are kept even when they are known.
