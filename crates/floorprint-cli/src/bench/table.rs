@@ -158,7 +158,6 @@ fn world_cost_columns() -> Vec<Column> {
         ("yaw °", with_worst(|run| run.yaw_spread_deg, 3)),
         ("F1", mean(|run| run.map_f1, 1.0, 3)),
         ("scan ms", Box::new(scan_ms)),
-        ("end s", mean(|run| run.finish_s, 1.0, 2)),
         ("CPU s", mean(|run| run.cpu_s, 1.0, 1)),
         ("MB", memory_mb()),
     ]

@@ -162,7 +162,7 @@ impl PlaceSearch {
     }
 
     /// The best places of `scan` around `center`, best first, each apart from the others. `None`
-    /// when the search would take too long and nothing was found by then.
+    /// when the search would take too long.
     #[must_use]
     pub fn find(&self, scan: &SurfaceScan, center: &Pose2, query: &PlaceQuery) -> Option<Vec<Place>> {
         let points = self.points_of(scan);
@@ -195,13 +195,7 @@ impl PlaceSearch {
                     })
                 })
             };
-            // What was found stays found when the work becomes too much.
-            let Some(best) = (match self.best(&roots, &rotated, radius, least, is_new, &mut blocks_left) {
-                None if found.is_empty() => return None,
-                best => best.flatten(),
-            }) else {
-                break;
-            };
+            let Some(best) = self.best(&roots, &rotated, radius, least, is_new, &mut blocks_left)? else { break };
             let score = f64::from(best.bound) / full_score;
             if found.is_empty() {
                 least = least.max(((score - query.margin) * full_score).ceil().max(0.0) as u32);
