@@ -3,7 +3,7 @@
 //! A small library that is loaded before the C library lets one call after the other fail. It is compiled on
 //! the spot; where there is no C compiler, that is said and nothing is tested. `FLOORPRINT_KILLS=1000` makes
 //! so many runs instead of one for each call.
-
+#![allow(clippy::panic, clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "tests")]
 #![cfg(target_os = "linux")]
 #![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test ends where a step fails, and says what it skips")]
 
