@@ -1,6 +1,14 @@
 //! Recordings of ROS in all their containers: the same drive is the same records, what is cut off is read as far as
 //! it goes, and roles are chosen by what is there.
 
+#![allow(
+    clippy::panic,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "a test ends where a step fails"
+)]
+
 mod bag_writers;
 mod data_folder;
 
