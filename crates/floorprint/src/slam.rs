@@ -200,7 +200,7 @@ impl Slam {
         }
         // 4. Place: where in the world is the front end's frame?
         let places = self.session.places();
-        let world_from_odom = places.map_or(Pose2::IDENTITY, PlaceGraph::correction);
+        let world_from_odom = self.session.world_from_odom();
         Ok(StepReport {
             index: frame.index,
             stamp_s: frame.stamp_s,
@@ -295,7 +295,7 @@ impl Slam {
             map,
             closures: places.map(PlaceGraph::reports).unwrap_or_default(),
             kidnappings: places.map(PlaceGraph::kidnappings).unwrap_or_default(),
-            graph: places.map(PlaceGraph::graph),
+            graph: self.session.graph(),
             session: self.session,
         }
     }

@@ -2,6 +2,7 @@
 
 mod cell;
 mod config;
+mod difference;
 mod hit_grid;
 mod occupancy_grid;
 mod raster;
@@ -11,6 +12,7 @@ mod tile_rectangle;
 
 pub use cell::Cell;
 pub use config::MapConfig;
+pub use difference::{Change, ChangedPatch, difference};
 pub use hit_grid::HitGrid;
 pub use occupancy_grid::{Flip, OccupancyGrid};
 pub use raster::{Occupancy, Raster};
