@@ -270,7 +270,7 @@ impl Slam {
             map,
             closures: places.map(PlaceGraph::reports).unwrap_or_default(),
             kidnappings: places.map(PlaceGraph::kidnappings).unwrap_or_default(),
-            graph: places.map(PlaceGraph::graph),
+            graph: self.session.graph(),
             session: self.session,
         }
     }
@@ -325,7 +325,7 @@ fn remember(
         back_end.work(places);
     }
     let places = session.places();
-    let world_from_odom = places.map_or(Pose2::IDENTITY, PlaceGraph::correction);
+    let world_from_odom = session.world_from_odom();
     StepReport {
         index,
         stamp_s,

@@ -2,6 +2,7 @@
 
 mod cell;
 mod config;
+mod difference;
 mod hit_grid;
 mod occupancy_grid;
 mod open_tiles;
@@ -12,6 +13,7 @@ mod tile_rectangle;
 
 pub use cell::Cell;
 pub use config::MapConfig;
+pub use difference::{Change, ChangedPatch, difference};
 pub use hit_grid::HitGrid;
 pub use occupancy_grid::{Flip, OccupancyGrid};
 pub(crate) use open_tiles::OpenTiles;

@@ -252,6 +252,21 @@ impl OccupancyGrid {
         Some(Raster { width, height, resolution_m: self.resolution_m * merged as f64, origin_m, cells })
     }
 
+    /// How likely the cells of [`to_raster`](Self::to_raster) are occupied, `None` where nothing was seen.
+    #[must_use]
+    pub fn to_probabilities(&self) -> Option<Raster<Option<f64>>> {
+        let raster = self.to_raster()?;
+        let merged = (raster.resolution_m / self.resolution_m).round() as i32;
+        let odds = |center: [f64; 2]| {
+            let corner =
+                self.cell_at(center.map(|coordinate| coordinate - 0.5 * (raster.resolution_m - self.resolution_m)));
+            let cells = (0..merged).flat_map(|up| (0..merged).map(move |right| (right, up)));
+            let seen = cells.map(|(right, up)| self.raw(Cell { x: corner.x + right, y: corner.y + up }));
+            seen.filter(|&raw| raw != 0).max().map(|raw| f64::from(raw) / STEPS_PER_UNIT)
+        };
+        Some(raster.map(|_, center| odds(center).map(|log_odds| 1.0 / (1.0 + (-log_odds).exp()))))
+    }
+
     /// Every cell that was seen, with its log-odds.
     pub fn seen_cells(&self) -> impl Iterator<Item = (Cell, f64)> {
         self.tiles.iter().flat_map(|(at, tile)| {
