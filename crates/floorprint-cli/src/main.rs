@@ -1,6 +1,7 @@
 //! The command line of Floorprint: one file per command.
 
 mod bench;
+mod check;
 mod config;
 mod demo;
 mod evaluate;
@@ -57,6 +58,7 @@ enum Command {
     #[command(subcommand)]
     Evaluate(evaluate::Command),
     Info(info::Arguments),
+    Check(check::Arguments),
     #[command(subcommand)]
     Map(map::Command),
     Optimize(optimize::Arguments),
@@ -84,6 +86,7 @@ impl Command {
             Self::Simulate(arguments) => simulate::execute(arguments, terminal),
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
+            Self::Check(arguments) => check::execute(arguments, terminal),
             Self::Map(command) => map::execute(command, terminal),
             Self::Optimize(arguments) => optimize::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),

@@ -1,5 +1,6 @@
 //! `floorprint run`: from a data set to a folder of results.
 
+use crate::check;
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::number::number;
@@ -16,6 +17,7 @@ use crate::topics::Topics;
 use crate::truth::TruthFiles;
 use anyhow::Context as _;
 use clap::Args;
+use floorprint::doctor;
 use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::simulator::Arrival;
@@ -176,6 +178,8 @@ impl Task<'_> {
             terminal.note(note);
         }
 
+        let symptoms = doctor::examine_numbers(&data_set.records);
+        check::refuse_hopeless(&symptoms, self.path)?;
         if let Some(arrival) = &self.arrival {
             data_set.records = arrival.of(data_set.records, config.seed);
         }
@@ -199,6 +203,8 @@ impl Task<'_> {
         };
         let solution = solve(&data_set, &config, !self.work.no_texture, self.arrival.is_some(), &mut around)
             .with_context(|| format!("cannot solve {}", self.path.display()))?;
+        let symptoms = [symptoms, doctor::examine_solved(&solution.steps, &data_set.records)].concat();
+        check::tell(&symptoms, terminal);
         if solution.partial && solution.trajectory.is_empty() {
             terminal.warn("stopped before the first scan: there is nothing to write");
             return Ok(None);
@@ -208,6 +214,7 @@ impl Task<'_> {
         stopwatch.enter(Phase::Evaluate);
         let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
         let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
+        report.notes.extend(symptoms.iter().map(check::sentence));
         if map.resolution_m > config.map.resolution_m {
             report.notes.push(format!(
                 "what was seen lies so far apart that the map is drawn in cells of {} m instead of {} m",

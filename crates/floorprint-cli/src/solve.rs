@@ -3,7 +3,7 @@
 use crate::interrupt::Interrupt;
 use crate::session_keeper::SessionKeeper;
 use crate::snapshots::Snapshots;
-use crate::stopwatch::ScanTimes;
+use crate::stopwatch::{Lane, ScanTimes, Stopwatch};
 use crate::terminal::Terminal;
 use anyhow::{anyhow, ensure};
 use floorprint::back_end::{ClosureReport, Kidnapping};
@@ -80,7 +80,7 @@ pub(crate) struct Surroundings<'a> {
     /// Ctrl-C.
     pub(crate) interrupt: &'a Interrupt,
     /// Told which phase the work is in.
-    pub(crate) profiler: &'a mut dyn Profiler,
+    pub(crate) profiler: &'a mut Stopwatch,
     /// Draws pictures on the way, where asked for.
     pub(crate) snapshots: Option<&'a mut Snapshots>,
     /// Keeps what was seen so far safe.
@@ -125,6 +125,9 @@ impl Earlier {
     }
 }
 
+/// Frames that are worked on side by side before a look is taken at who watches.
+const AT_ONCE: usize = 128;
+
 /// Runs the filter over a drive and paints the floor. The records are pushed by their stamps, or `as_they_come`.
 ///
 /// # Errors
@@ -163,29 +166,50 @@ pub(crate) fn solve(
         if partial {
             break;
         }
-        around.profiler.enter(Phase::Synchronise);
-        let started = Instant::now();
-        let Some(mut frame) = pass.next() else { break };
-        if let Some(earlier) = earlier.take() {
-            slam = earlier.resume(frame.stamp_s, config)?;
-            // Nothing measured the motion between the two drives.
-            frame.motion = None;
-        }
-        match slam.process_profiled(&frame, around.profiler) {
-            Ok(step) => {
-                steps.push(step);
-                something_seen |= !frame.scan.hits.is_empty();
+        // Pictures on the way are of one moment: nothing may be ahead of it.
+        let is_side_by_side = rayon::current_num_threads() > 1 && earlier.is_none() && around.snapshots.is_none();
+        let mut hit_something = Vec::new();
+        let outcomes = if is_side_by_side {
+            around.profiler.pause();
+            let mut lanes = [Lane::default(), Lane::default(), Lane::default()];
+            let mut frames = pass.by_ref().inspect(|frame| hit_something.push(!frame.scan.hits.is_empty()));
+            let outcomes = slam.process_side_by_side(&mut frames, AT_ONCE, lanes.each_mut().map(|lane| lane as _));
+            lanes.iter().for_each(|lane| around.profiler.add(lane));
+            scan_times.add_all(&lanes);
+            outcomes
+        } else {
+            around.profiler.enter(Phase::Synchronise);
+            let started = Instant::now();
+            let Some(mut frame) = pass.next() else { break };
+            if let Some(earlier) = earlier.take() {
+                slam = earlier.resume(frame.stamp_s, config)?;
+                // Nothing measured the motion between the two drives.
+                frame.motion = None;
             }
-            Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
+            hit_something.push(!frame.scan.hits.is_empty());
+            let outcome = slam.process_profiled(&frame, around.profiler);
+            scan_times.add(started.elapsed().as_secs_f64());
+            vec![outcome]
+        };
+        if outcomes.is_empty() {
+            break;
         }
-        scan_times.add(started.elapsed().as_secs_f64());
+        progress.inc(outcomes.len() as u64);
+        for (outcome, hit_something) in outcomes.into_iter().zip(hit_something) {
+            match outcome {
+                Ok(step) => {
+                    steps.push(step);
+                    something_seen |= hit_something;
+                }
+                Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
+            }
+        }
         if let Some(snapshots) = &mut around.snapshots {
             snapshots.observe(&mut slam, &steps);
         }
         if let Some(session) = &mut around.session {
             session.observe(&mut slam, &config.matcher);
         }
-        progress.inc(1);
     }
     progress.finish_and_clear();
     if let Some(error) = pass.error() {

@@ -6,21 +6,20 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Wall time by phase.
+/// Time by phase: of one thread, or of several that work side by side.
 #[derive(Debug)]
 pub(crate) struct Stopwatch {
     started: Instant,
     cpu_before_s: Option<f64>,
-    current: Phase,
-    since: Instant,
-    phases: BTreeMap<Phase, Duration>,
+    lane: Lane,
 }
 
 impl Stopwatch {
     /// Starts to measure, with `phase`.
     pub(crate) fn start(phase: Phase) -> Self {
-        let now = Instant::now();
-        Self { started: now, cpu_before_s: cpu_time_s(), current: phase, since: now, phases: BTreeMap::new() }
+        let mut lane = Lane::default();
+        lane.enter(phase);
+        Self { started: Instant::now(), cpu_before_s: cpu_time_s(), lane }
     }
 
     /// Time since the start.
@@ -33,20 +32,64 @@ impl Stopwatch {
         cpu_time_s().zip(self.cpu_before_s).map(|(now_s, before_s)| now_s - before_s)
     }
 
+    /// Waits for others, whose time [`add`](Self::add) counts.
+    pub(crate) fn pause(&mut self) {
+        self.lane.leave();
+    }
+
+    /// Counts what another thread was busy with.
+    pub(crate) fn add(&mut self, lane: &Lane) {
+        for (&phase, &busy) in &lane.phases {
+            *self.lane.phases.entry(phase).or_default() += busy;
+        }
+    }
+
     /// Seconds by phase so far, in the order of the work.
     pub(crate) fn seconds(&mut self) -> Vec<PhaseTime> {
-        self.enter(self.current);
+        if let Some((phase, _)) = self.lane.current {
+            self.enter(phase);
+        }
         let time =
             |(&phase, duration): (&Phase, &Duration)| PhaseTime { phase: name(phase), seconds: duration.as_secs_f64() };
-        self.phases.iter().map(time).collect()
+        self.lane.phases.iter().map(time).collect()
     }
 }
 
 impl Profiler for Stopwatch {
     fn enter(&mut self, phase: Phase) {
-        let now = Instant::now();
-        *self.phases.entry(self.current).or_default() += now - self.since;
-        (self.current, self.since) = (phase, now);
+        self.lane.enter(phase);
+    }
+}
+
+/// What one thread is busy with.
+#[derive(Debug, Default)]
+pub(crate) struct Lane {
+    /// The phase that it is in, and since when; `None` while it waits.
+    current: Option<(Phase, Instant)>,
+    phases: BTreeMap<Phase, Duration>,
+    this_frame: Duration,
+    /// How long each frame took, in order.
+    frames: Vec<Duration>,
+}
+
+impl Lane {
+    fn leave(&mut self) {
+        let Some((phase, since)) = self.current.take() else { return };
+        let busy = since.elapsed();
+        *self.phases.entry(phase).or_default() += busy;
+        self.this_frame += busy;
+    }
+}
+
+impl Profiler for Lane {
+    fn enter(&mut self, phase: Phase) {
+        self.leave();
+        self.current = Some((phase, Instant::now()));
+    }
+
+    fn end_of_frame(&mut self) {
+        self.leave();
+        self.frames.push(std::mem::take(&mut self.this_frame));
     }
 }
 
@@ -58,6 +101,14 @@ impl ScanTimes {
     /// One more scan.
     pub(crate) fn add(&mut self, seconds: f64) {
         self.0.push((seconds * 1e3) as f32);
+    }
+
+    /// Scans on which several threads worked one after the other: what they did together.
+    pub(crate) fn add_all(&mut self, lanes: &[Lane; 3]) {
+        let [first, second, third] = lanes;
+        for ((first, second), third) in first.frames.iter().zip(&second.frames).zip(&third.frames) {
+            self.add((*first + *second + *third).as_secs_f64());
+        }
     }
 
     /// Mean, 99th percentile and largest; `None` before the first scan.
@@ -87,7 +138,7 @@ pub(crate) struct ScanCost {
 pub(crate) struct PhaseTime {
     /// Name of the phase.
     pub(crate) phase: &'static str,
-    /// Wall time, seconds.
+    /// Time, seconds; where threads work side by side the sum of theirs.
     pub(crate) seconds: f64,
 }
 

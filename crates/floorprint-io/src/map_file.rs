@@ -4,7 +4,7 @@
 
 use crate::error::{Problem, ReadError, WriteError};
 use crate::pgm::{parse_pgm, write_pgm};
-use crate::picture::{Pixels, decode_png};
+use crate::picture::{Picture, Pixels, decode_png, write_png};
 use crate::regular_file::{read_regular, read_text};
 use crate::replace::replace_file;
 use floorprint::map::{Occupancy, Raster};
@@ -34,13 +34,46 @@ pub fn write_map(path: &Path, map: &Raster<Occupancy>) -> Result<(), WriteError>
         .collect();
     let picture = path.with_extension("pgm");
     replace_file(&picture, |file| write_pgm(file, map.width, map.height, &levels))?;
+    describe(path, &picture, "trinary", map)
+}
+
+/// Writes the YAML file that says what a picture of a map shows.
+fn describe<T>(path: &Path, picture: &Path, mode: &str, map: &Raster<T>) -> Result<(), WriteError> {
     let [x_m, y_m] = map.origin_m;
     let name = picture.file_name().unwrap_or_default().to_string_lossy();
     replace_file(path, |file| {
-        writeln!(file, "image: {name}\nmode: trinary\nresolution: {}", map.resolution_m)?;
+        writeln!(file, "image: {name}\nmode: {mode}\nresolution: {}", map.resolution_m)?;
         writeln!(file, "origin: [{x_m}, {y_m}, 0]\nnegate: 0")?;
         writeln!(file, "occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}")
     })
+}
+
+/// Writes how likely each cell is occupied (`None`: unknown), as the YAML file at `path` and a PNG picture of the same
+/// name beside it, in map_server's mode `scale`: the darker, the likelier; transparent where nothing is known.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_scaled_map(path: &Path, map: &Raster<Option<f64>>) -> Result<(), WriteError> {
+    let pixel = |probability: &Option<f64>| {
+        let level = |probability: f64| (255.0 * (1.0 - probability)).round() as u8;
+        probability.map_or([0; 4], |probability| [level(probability), level(probability), level(probability), 255])
+    };
+    let pixels = Pixels::Rgba8(map.cells.iter().map(pixel).collect());
+    let picture = path.with_extension("png");
+    write_png(&picture, &Picture { width: map.width, height: map.height, pixels })?;
+    describe(path, &picture, "scale", map)
+}
+
+/// The same as a PGM picture in map_server's mode `raw`: percentages, and 255 where nothing is known.
+///
+/// # Errors
+/// When a file cannot be written.
+pub fn write_raw_map(path: &Path, map: &Raster<Option<f64>>) -> Result<(), WriteError> {
+    let level = |probability: &Option<f64>| probability.map_or(255, |probability| (100.0 * probability).round() as u8);
+    let levels: Vec<u8> = map.cells.iter().map(level).collect();
+    let picture = path.with_extension("pgm");
+    replace_file(&picture, |file| write_pgm(file, map.width, map.height, &levels))?;
+    describe(path, &picture, "raw", map)
 }
 
 /// Reads a map from its YAML file, or from its picture when the YAML file lies beside it under the same name.

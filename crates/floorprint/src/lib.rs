@@ -7,6 +7,7 @@
 pub mod back_end;
 mod compact_scan;
 pub mod config;
+pub mod doctor;
 pub mod evaluation;
 mod frame;
 mod frames;
@@ -19,6 +20,7 @@ pub mod map;
 pub mod motion_model;
 pub mod odometry;
 pub mod pose_graph;
+pub mod prelude;
 mod profiler;
 pub mod random;
 pub mod scan_matcher;

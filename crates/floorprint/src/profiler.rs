@@ -29,6 +29,9 @@ pub enum Phase {
 pub trait Profiler {
     /// From now on time counts for `phase`.
     fn enter(&mut self, phase: Phase);
+
+    /// The work on a frame is done; until the next [`enter`](Self::enter) nothing is worked on.
+    fn end_of_frame(&mut self) {}
 }
 
 /// Measures nothing.

@@ -1,6 +1,9 @@
 //! The one function that everything calls: a frame goes in, the best pose comes out.
 
+mod side_by_side;
+
 use crate::back_end::{BackEnd, ClosureLoad, ClosureReport, Kidnapping, LoopClosureConfig, PlaceGraph, Uncertainty};
+use crate::compact_scan::CompactScan;
 use crate::config::Config;
 use crate::frame::Frame;
 use crate::front_end::{FilterStep, FrontEnd, FrontEndState, ParticleFilter};
@@ -189,46 +192,18 @@ impl Slam {
     pub fn process_profiled(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> Result<StepReport, SlamError> {
         check(frame)?;
         // 1. Track: where does the scan fit what was seen lately?
-        let step = self.front_end.process(frame, profiler);
-        // 2. Remember the pose and, where it shows something new, the scan.
-        self.session.push(StampedPose { stamp_s: frame.stamp_s, pose: step.pose });
-        self.remember_scan();
-        // 3. Close loops: one bounded piece of the work with each frame.
+        let step = self.front_end.process(frame, None, profiler);
+        // 2. Remember, close loops, and place the front end's frame in the world.
         profiler.enter(Phase::LoopClosure);
-        if let (Some(back_end), Some(places)) = (&mut self.back_end, self.session.places_mut()) {
-            back_end.work(places);
+        let Self { front_end, session, back_end, settled, .. } = self;
+        let tracked = Tracked::of(frame, step, front_end, back_end.is_some());
+        let poses_since = |frame: usize| front_end.poses_since(frame);
+        let settled_before = *settled;
+        let report = remember(tracked, poses_since, session, back_end.as_mut(), settled);
+        if *settled != settled_before {
+            front_end.forget_poses_before(*settled);
         }
-        // 4. Place: where in the world is the front end's frame?
-        let places = self.session.places();
-        let world_from_odom = places.map_or(Pose2::IDENTITY, PlaceGraph::correction);
-        Ok(StepReport {
-            index: frame.index,
-            stamp_s: frame.stamp_s,
-            dead_reckoning: frame.dead_reckoning,
-            world_from_odom,
-            pose: world_from_odom.compose(&step.pose),
-            is_lost: places.is_some_and(PlaceGraph::is_lost),
-            uncertainty: places.map(|places| places.uncertainty().and(&Uncertainty::of(&step.covariance))),
-            filter: step,
-        })
-    }
-
-    /// Hands what the front end wrote into its map to the session.
-    fn remember_scan(&mut self) {
-        let (front_end, session) = (&mut self.front_end, &mut self.session);
-        let Some(key_scan) = front_end.take_key_scan() else {
-            if let (Some(points), Some(_)) = (front_end.points(), &self.back_end) {
-                session.add_scan_between(points);
-            }
-            return;
-        };
-        if !session.add_key_scan(key_scan, |frame| front_end.poses_since(frame)) {
-            return;
-        }
-        // A submap has ended: from now on its poses are the session's.
-        session.set_poses(self.settled, &front_end.poses_since(self.settled));
-        self.settled = session.places().and_then(PlaceGraph::open_since).unwrap_or(self.settled);
-        front_end.forget_poses_before(self.settled);
+        Ok(report)
     }
 
     /// All that outlives a step, as of now.
@@ -295,9 +270,71 @@ impl Slam {
             map,
             closures: places.map(PlaceGraph::reports).unwrap_or_default(),
             kidnappings: places.map(PlaceGraph::kidnappings).unwrap_or_default(),
-            graph: places.map(PlaceGraph::graph),
+            graph: self.session.graph(),
             session: self.session,
         }
+    }
+}
+
+/// What the front end made of a frame.
+struct Tracked {
+    index: usize,
+    stamp_s: f64,
+    dead_reckoning: Pose2,
+    step: FilterStep,
+    key_scan: Option<KeyScan>,
+    /// The points of a scan that is no key scan, where they are worth keeping.
+    points: Option<CompactScan>,
+    /// The front end's poses so far, from the first on that may still change; where they are not asked for at once.
+    poses: Vec<Pose2>,
+}
+
+impl Tracked {
+    /// What came of the last step.
+    fn of(frame: &Frame, step: FilterStep, front_end: &mut FrontEnd, keeps_points: bool) -> Self {
+        let key_scan = front_end.take_key_scan();
+        let points = front_end.points().filter(|_| keeps_points && key_scan.is_none()).cloned();
+        let Frame { index, stamp_s, dead_reckoning, .. } = *frame;
+        Self { index, stamp_s, dead_reckoning, step, key_scan, points, poses: Vec::new() }
+    }
+}
+
+/// Takes in what the front end made of a frame: remembers the pose and, where it shows something new, the scan; closes
+/// loops, one bounded piece of the work with each frame; and says where in the world the front end's frame is.
+///
+/// `poses_since(frame)` are the front end's poses from that frame on, as of now; the session's are final up to `settled`.
+fn remember(
+    tracked: Tracked,
+    poses_since: impl Fn(usize) -> Vec<Pose2>,
+    session: &mut Session,
+    back_end: Option<&mut BackEnd>,
+    settled: &mut usize,
+) -> StepReport {
+    let Tracked { index, stamp_s, dead_reckoning, step, key_scan, points, .. } = tracked;
+    session.push(StampedPose { stamp_s, pose: step.pose });
+    if let Some(key_scan) = key_scan {
+        if session.add_key_scan(key_scan, &poses_since) {
+            // A submap has ended: from now on its poses are the session's.
+            session.set_poses(*settled, &poses_since(*settled));
+            *settled = session.places().and_then(PlaceGraph::open_since).unwrap_or(*settled);
+        }
+    } else if let Some(points) = points {
+        session.add_scan_between(&points);
+    }
+    if let (Some(back_end), Some(places)) = (back_end, session.places_mut()) {
+        back_end.work(places);
+    }
+    let places = session.places();
+    let world_from_odom = session.world_from_odom();
+    StepReport {
+        index,
+        stamp_s,
+        dead_reckoning,
+        world_from_odom,
+        pose: world_from_odom.compose(&step.pose),
+        is_lost: places.is_some_and(PlaceGraph::is_lost),
+        uncertainty: places.map(|places| places.uncertainty().and(&Uncertainty::of(&step.covariance))),
+        filter: step,
     }
 }
 

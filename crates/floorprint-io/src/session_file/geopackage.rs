@@ -1,8 +1,8 @@
 //! The tables that make an SQLite database a GeoPackage (OGC 12-128r18), and what goes into them.
 
-use crate::picture::{Picture, Pixels, png_bytes};
+use crate::picture::{Picture, Pixels, decode_png, png_bytes};
 use floorprint::map::Raster;
-use rusqlite::{Connection, params};
+use rusqlite::{Connection, OptionalExtension, params};
 
 /// "GPKG", and version 1.3.0.
 const APPLICATION_ID: i64 = 0x4750_4B47;
@@ -110,6 +110,56 @@ pub(super) fn put_picture(
         level_picture = level_picture.halved();
     }
     Ok(())
+}
+
+/// Pixels that a picture may have, whatever its tiles show …
+const FREE_PIXELS: f64 = 6.4e7;
+/// … and for each pixel of its tiles.
+const PIXELS_PER_TILE_PIXEL: f64 = 64.0;
+
+/// The picture that was put in as `table`; `None` where there is none.
+pub(super) fn picture(connection: &Connection, table: &str) -> rusqlite::Result<Option<Raster<[u8; 4]>>> {
+    let extent = "SELECT min_x, min_y, max_x, max_y FROM gpkg_contents WHERE table_name = ?1 AND data_type = 'tiles'";
+    let extent = connection
+        .query_row(extent, [table], |row| Ok([row.get::<_, f64>(0)?, row.get(1)?, row.get(2)?, row.get(3)?]))
+        .optional()?;
+    let Some([min_x, min_y, max_x, max_y]) = extent else { return Ok(None) };
+    let finest = "SELECT zoom_level, pixel_x_size FROM gpkg_tile_matrix WHERE table_name = ?1 ORDER BY zoom_level DESC";
+    let (level, resolution_m) =
+        connection.query_row(finest, [table], |row| Ok((row.get::<_, i64>(0)?, row.get::<_, f64>(1)?)))?;
+    let side = |length_m: f64| (length_m / resolution_m).round();
+    let (width, height) = (side(max_x - min_x), side(max_y - min_y));
+    let count = format!("SELECT count(*) FROM \"{table}\" WHERE zoom_level = ?1");
+    let tiles: f64 = connection.query_row(&count, [level], |row| row.get::<_, i64>(0)).map(|tiles| tiles as f64)?;
+    let most_pixels = FREE_PIXELS + tiles * (TILE * TILE) as f64 * PIXELS_PER_TILE_PIXEL;
+    if !(width >= 1.0 && height >= 1.0 && width * height <= most_pixels) {
+        return Err(rusqlite::Error::IntegralValueOutOfRange(0, level));
+    }
+    let (width, height) = (width as usize, height as usize);
+    let mut cells = vec![[0; 4]; width * height];
+    let mut select = connection
+        .prepare(&format!("SELECT tile_column, tile_row, tile_data FROM \"{table}\" WHERE zoom_level = ?1"))?;
+    let mut tiles = select.query([level])?;
+    while let Some(tile) = tiles.next()? {
+        let (left, top) = (tile.get::<_, i64>(0)? * TILE as i64, tile.get::<_, i64>(1)? * TILE as i64);
+        let bytes: Vec<u8> = tile.get(2)?;
+        let damaged =
+            |what: String| rusqlite::Error::FromSqlConversionFailure(2, rusqlite::types::Type::Blob, what.into());
+        let Picture { width: tile_width, pixels: Pixels::Rgba8(pixels), .. } = decode_png(&bytes).map_err(damaged)?
+        else {
+            return Err(damaged("a tile without opacity".to_owned()));
+        };
+        for (index, pixel) in pixels.into_iter().enumerate() {
+            let (x, y) = (left + (index % tile_width) as i64, top + (index / tile_width) as i64);
+            if let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y))
+                && x < width
+                && y < height
+            {
+                cells[y * width + x] = pixel;
+            }
+        }
+    }
+    Ok(Some(Raster { width, height, resolution_m, origin_m: [min_x, min_y], cells }))
 }
 
 /// Rows of pixels from the upper left corner.

@@ -13,6 +13,7 @@ use floorprint::geometry::Pose2;
 use floorprint::scan_matcher::MatcherConfig;
 use floorprint::sensors::StampedPose;
 use floorprint::session::{Session, SessionState, StoredScan};
+use floorprint::texture::TextureMap;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 use std::collections::BTreeMap;
 use std::fs;
@@ -232,6 +233,20 @@ impl SessionFile {
             scans.push(StoredScan { frame, points, is_drawn });
         }
         Ok(Some(scans))
+    }
+
+    /// The colours of the floor that were drawn last; `None` where none were painted.
+    ///
+    /// # Errors
+    /// When the file is damaged.
+    pub fn floor(&self) -> Result<Option<TextureMap>, ReadError> {
+        let picture = geopackage::picture(&self.connection, "floor").map_err(|error| read_error(&self.path, &error))?;
+        Ok(picture.map(|picture| {
+            picture.map(|index, _| {
+                let [red, green, blue, opacity] = picture.cells[index];
+                (opacity > 0).then_some([red, green, blue])
+            })
+        }))
     }
 
     /// Draws the session into the standard tables, in place of what is drawn there: the occupancy map and the

@@ -1,6 +1,6 @@
 //! The filter that was chosen.
 
-use super::{FilterKind, FilterStep, FrontEndState, GrisettiFilter, ParticleFilter, SharedMapFilter};
+use super::{FilterKind, FilterStep, FrontEndState, GrisettiFilter, ParticleFilter, PreparedScan, SharedMapFilter};
 use crate::Config;
 use crate::compact_scan::CompactScan;
 use crate::frame::Frame;
@@ -8,6 +8,7 @@ use crate::geometry::Pose2;
 use crate::key_scan::KeyScan;
 use crate::map::OccupancyGrid;
 use crate::profiler::Profiler;
+use crate::surface::Thinning;
 
 /// What tracks the robot from scan to scan, in a frame of its own that drifts slowly: `odom`.
 #[derive(Debug)]
@@ -31,11 +32,28 @@ impl FrontEnd {
         }
     }
 
-    /// One step of the filter.
-    pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
+    /// How scans are thinned that may be [prepared](PreparedScan) ahead; `None` for filters that do not need it.
+    #[must_use]
+    pub fn thinning(&self) -> Option<Thinning> {
+        match self {
+            Self::RaoBlackwellized(filter) => Some(filter.thinning()),
+            Self::SharedMap(_) | Self::Grisetti2007(_) => None,
+        }
+    }
+
+    /// One step of the filter; `prepared` is the frame's scan, where that was prepared ahead.
+    pub fn process(
+        &mut self,
+        frame: &Frame,
+        prepared: Option<PreparedScan>,
+        profiler: &mut dyn Profiler,
+    ) -> FilterStep {
         match self {
             Self::SharedMap(filter) => filter.process(frame, profiler),
-            Self::RaoBlackwellized(filter) => filter.process(frame, profiler),
+            Self::RaoBlackwellized(filter) => match prepared {
+                Some(prepared) => filter.process_prepared(frame, prepared, profiler),
+                None => filter.process(frame, profiler),
+            },
             Self::Grisetti2007(filter) => filter.process(frame, profiler),
         }
     }

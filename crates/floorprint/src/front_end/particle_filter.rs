@@ -8,7 +8,7 @@ use super::pace::{Pace, is_gap};
 use super::resampler::resample_poses;
 use super::tracker::{Fit, Tracker, blunder};
 use super::weights::{effective_number, heaviest, normalise};
-use super::{FilterConfig, FilterStep};
+use super::{FilterConfig, FilterStep, PreparedScan};
 use crate::Config;
 use crate::compact_scan::CompactScan;
 use crate::frame::Frame;
@@ -19,7 +19,7 @@ use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
 use crate::scan_matcher::{MatcherConfig, OdometryVerdict};
 use crate::sensors::StampedPose;
-use crate::surface::SurfaceScan;
+use crate::surface::{SurfaceScan, Thinning};
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -121,16 +121,34 @@ impl ParticleFilter {
         }
     }
 
+    /// How scans are thinned.
+    #[must_use]
+    pub fn thinning(&self) -> Thinning {
+        self.matcher.thinning()
+    }
+
     /// One step of the filter: predict, match, weigh, resample, map.
     pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
         profiler.enter(Phase::Match);
-        let scan = Arc::new(SurfaceScan::new(&frame.scan, &self.matcher.thinning()));
+        let prepared = PreparedScan::of(&frame.scan, &self.thinning());
+        self.process_prepared(frame, prepared, profiler)
+    }
+
+    /// The same of a frame whose scan was prepared ahead.
+    pub fn process_prepared(
+        &mut self,
+        frame: &Frame,
+        prepared: PreparedScan,
+        profiler: &mut dyn Profiler,
+    ) -> FilterStep {
+        profiler.enter(Phase::Match);
+        let PreparedScan { surfaces: scan, points } = prepared;
         // A new drive begins with a map of its own; how it lies to the old one is for the back end to find out.
         let begins = !scan.is_empty() && std::mem::take(&mut self.is_interrupted);
         if begins {
             self.particles.iter_mut().for_each(|particle| particle.map.clear());
         }
-        self.points = CompactScan::new(&frame.scan);
+        self.points = points;
         let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
         let steps = self.pace.steps(frame.elapsed_s);
         let fits = self.predict_and_match(motion.as_ref(), steps, &scan);

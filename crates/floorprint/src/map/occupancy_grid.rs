@@ -1,14 +1,16 @@
 //! The occupancy grid: independent cells in log-odds (report §III.A.2, eqs. 6–7).
 
-use super::MapConfig;
-use super::TileRectangle;
 use super::cell::Cell;
 use super::raster::{Occupancy, Raster};
 use super::ray::TiledRay;
 use super::tile_grid::{TILE_CELLS, TILE_SIDE, TileGrid, cell_in_tile, index_in_tile, tile_of};
+use super::{MapConfig, OpenTiles, TileRectangle};
+use crate::compact_scan::CompactScan;
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
+use rayon::prelude::*;
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// A raster of this many cells is drawn however few of them were seen: 200 m × 200 m in cells of 5 cm.
 const LARGEST_RASTER_CELLS: usize = 1 << 24;
@@ -140,6 +142,7 @@ impl OccupancyGrid {
             Cell::containing(world, inverse_resolution)
         };
         let origin = Cell::containing(world_from_body.transform_point(scan.origin_m), inverse_resolution);
+        let mut rays = Vec::with_capacity(scan.hits.len() + scan.free_ends.len());
         for (index, point) in scan.hits.iter().enumerate() {
             let end = cell_of(point);
             let passed_to = if self.grazing_clearance_m > 0.0 {
@@ -147,51 +150,58 @@ impl OccupancyGrid {
             } else {
                 end
             };
-            self.pass_along(origin, passed_to, &is_wanted, flipped);
-            if is_wanted(tile_of(end)) {
-                self.add(end, self.hit, flipped);
-            }
+            rays.push(Ray { passed_to: Some(passed_to), end: Some(end) });
         }
-        for point in scan.free_ends.iter() {
-            self.pass_along(origin, cell_of(point), &is_wanted, flipped);
-        }
-    }
-
-    fn add(&mut self, cell: Cell, amount: i16, flipped: &mut impl FnMut(Flip)) {
-        let Some(tile) = self.tiles.tile_mut(tile_of(cell)) else { return };
-        let value = &mut tile.0[index_in_tile(cell)];
-        let before = *value;
-        *value = before.saturating_add(amount).clamp(-self.limit, self.limit);
-        if before <= 0 && *value > 0 {
-            flipped(Flip { cell, occupied: true });
-        }
-    }
-
-    /// Takes the pass's log-odds off the cells from `from` up to, not including, `to`.
-    fn pass_along(&mut self, from: Cell, to: Cell, is_wanted: &impl Fn(Cell) -> bool, flipped: &mut impl FnMut(Flip)) {
-        let (pass, limit) = (self.pass, self.limit);
-        // Between two cells that the grid holds it holds them all.
-        if !self.tiles.make_room(tile_of(from)) || !self.tiles.make_room(tile_of(to)) {
-            return;
-        }
-        let mut ray = TiledRay::new(from, to);
-        while let Some(next) = ray.next_cell() {
-            let at = tile_of(next);
-            if !is_wanted(at) {
-                ray.pass_tile(|_| {});
-                continue;
-            }
-            // Each tile along the ray is looked up once.
-            let Some(tile) = self.tiles.tile_mut(at) else { return };
-            ray.pass_tile(|index| {
-                let value = &mut tile.0[index];
-                let before = *value;
-                *value = before.saturating_sub(pass).max(-limit);
-                if before > 0 && *value <= 0 {
-                    flipped(Flip { cell: cell_in_tile(at, index), occupied: false });
+        rays.extend(scan.free_ends.iter().map(|point| Ray { passed_to: Some(cell_of(point)), end: None }));
+        let Some(mut tiles) = open_tiles(&mut self.tiles, origin, &mut rays) else { return };
+        let (hit, pass, limit) = (i32::from(self.hit), i32::from(self.pass), i32::from(self.limit));
+        for Ray { passed_to, end } in rays {
+            // The cells from the origin up to, not including, the end.
+            let mut ray = TiledRay::new(origin, passed_to.unwrap_or(origin));
+            while let Some(next) = ray.next_cell() {
+                let at = tile_of(next);
+                if !is_wanted(at) {
+                    ray.skip_tile();
+                    continue;
                 }
-            });
+                // Each tile along the ray is looked up once.
+                let Some(tile) = tiles.tile_mut(at) else { break };
+                ray.pass_tile(|index| {
+                    let value = &mut tile.0[index];
+                    let before = *value;
+                    *value = (i32::from(before) - pass).max(-limit) as i16;
+                    if before > 0 && *value <= 0 {
+                        flipped(Flip { cell: cell_in_tile(at, index), occupied: false });
+                    }
+                });
+            }
+            let Some(cell) = end.filter(|&end| is_wanted(tile_of(end))) else { continue };
+            let Some(tile) = tiles.tile_mut(tile_of(cell)) else { continue };
+            let value = &mut tile.0[index_in_tile(cell)];
+            let before = *value;
+            *value = (i32::from(before) + hit).clamp(-limit, limit) as i16;
+            if before <= 0 && *value > 0 {
+                flipped(Flip { cell, occupied: true });
+            }
         }
+    }
+
+    /// Draws scans at their poses in place of what was drawn, on several cores where there are. Each draws all scans on a band of
+    /// the grid of its own: the result is to the bit the same.
+    pub(crate) fn draw_scans(&mut self, scans: &[(&CompactScan, Pose2)], reached: &[TileRectangle]) {
+        let bands = bands(reached, rayon::current_num_threads());
+        let draw_band = |band: &Range<i32>| {
+            let mut grid = Self { tiles: TileGrid::default(), ..*self };
+            for ((scan, pose), reached) in scans.iter().zip(reached) {
+                if band.start <= reached.high.y && reached.low.y < band.end {
+                    grid.draw(pose, &scan.unpack(), |tile| band.contains(&tile.y), &mut |_| {});
+                }
+            }
+            grid.tiles
+        };
+        let drawn: Vec<TileGrid<OccupancyTile>> = bands.par_iter().map(draw_band).collect();
+        self.tiles = TileGrid::default();
+        drawn.into_iter().for_each(|tiles| self.tiles.adopt(tiles));
     }
 
     /// The grid as a picture: the smallest rectangle that holds everything seen. A cell is
@@ -242,6 +252,21 @@ impl OccupancyGrid {
         Some(Raster { width, height, resolution_m: self.resolution_m * merged as f64, origin_m, cells })
     }
 
+    /// How likely the cells of [`to_raster`](Self::to_raster) are occupied, `None` where nothing was seen.
+    #[must_use]
+    pub fn to_probabilities(&self) -> Option<Raster<Option<f64>>> {
+        let raster = self.to_raster()?;
+        let merged = (raster.resolution_m / self.resolution_m).round() as i32;
+        let odds = |center: [f64; 2]| {
+            let corner =
+                self.cell_at(center.map(|coordinate| coordinate - 0.5 * (raster.resolution_m - self.resolution_m)));
+            let cells = (0..merged).flat_map(|up| (0..merged).map(move |right| (right, up)));
+            let seen = cells.map(|(right, up)| self.raw(Cell { x: corner.x + right, y: corner.y + up }));
+            seen.filter(|&raw| raw != 0).max().map(|raw| f64::from(raw) / STEPS_PER_UNIT)
+        };
+        Some(raster.map(|_, center| odds(center).map(|log_odds| 1.0 / (1.0 + (-log_odds).exp()))))
+    }
+
     /// Every cell that was seen, with its log-odds.
     pub fn seen_cells(&self) -> impl Iterator<Item = (Cell, f64)> {
         self.tiles.iter().flat_map(|(at, tile)| {
@@ -249,6 +274,61 @@ impl OccupancyGrid {
             seen.map(move |(index, value)| (cell_in_tile(at, index), f64::from(*value) / STEPS_PER_UNIT))
         })
     }
+}
+
+/// A ray of a scan: the cell up to which it passes cells, and the one in which it ends on something.
+struct Ray {
+    passed_to: Option<Cell>,
+    end: Option<Cell>,
+}
+
+/// Opens the tiles that rays from `origin` touch, and takes from the rays what lies beyond what the grid can span.
+/// `None` where nothing is left.
+fn open_tiles<'a>(
+    tiles: &'a mut TileGrid<OccupancyTile>,
+    origin: Cell,
+    rays: &mut [Ray],
+) -> Option<OpenTiles<'a, OccupancyTile>> {
+    let mut touched: Option<TileRectangle> = None;
+    let mut touch = |cell: Cell| {
+        let at = tile_of(cell);
+        let has_room = tiles.make_room(at);
+        if has_room {
+            touched = Some(touched.map_or(TileRectangle { low: at, high: at }, |touched| touched.with(at)));
+        }
+        has_room
+    };
+    for ray in rays {
+        // Between two cells that the grid holds it holds them all.
+        ray.passed_to = ray.passed_to.filter(|&passed_to| touch(origin) && touch(passed_to));
+        ray.end = ray.end.filter(|&end| touch(end));
+    }
+    tiles.open(touched?)
+}
+
+/// Bands of rows of tiles, about as many as asked for, on which about equally much is to be drawn.
+fn bands(reached: &[TileRectangle], count: usize) -> Vec<Range<i32>> {
+    let Some(first) = reached.first() else { return Vec::new() };
+    let all = reached.iter().fold(*first, |all, scan| all.with(scan.low).with(scan.high));
+    let can_be_split = TileGrid::<OccupancyTile>::can_hold(&all);
+    let mut scans_in_row = vec![0; if can_be_split { (all.high.y - all.low.y + 1) as usize } else { 0 }];
+    for scan in reached.iter().filter(|_| can_be_split) {
+        scans_in_row[(scan.low.y - all.low.y) as usize..=(scan.high.y - all.low.y) as usize]
+            .iter_mut()
+            .for_each(|scans| *scans += 1);
+    }
+    let share = scans_in_row.iter().sum::<usize>().div_ceil(count.max(1));
+    let (mut bands, mut begin, mut drawn) = (Vec::new(), i32::MIN, 0);
+    for (row, scans) in scans_in_row.into_iter().enumerate() {
+        drawn += scans;
+        if drawn >= share * (bands.len() + 1) && bands.len() + 1 < count {
+            let end = all.low.y + row as i32 + 1;
+            bands.push(begin..end);
+            begin = end;
+        }
+    }
+    bands.push(begin..i32::MAX);
+    bands
 }
 
 /// The last point of a ray (metres, body's frame) that is farther than `clearance_m` from the
@@ -338,7 +418,7 @@ mod tests {
         let mut grid = OccupancyGrid::new(&MapConfig::default());
         let ends = [Cell { x: -3, y: 7 }, Cell { x: 30_000, y: -20_000 }];
         for &end in &ends {
-            grid.add(end, 300, &mut |_| {});
+            grid.tiles.tile_mut(tile_of(end)).unwrap().0[index_in_tile(end)] = 300;
         }
         let raster = grid.to_raster().unwrap();
         assert!(raster.cells.len() <= LARGEST_RASTER_CELLS, "{}×{}", raster.width, raster.height);

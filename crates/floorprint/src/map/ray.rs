@@ -76,26 +76,52 @@ impl TiledRay {
     /// Passes the cells up to where the ray leaves the tile that it is in, given by their index in the tile.
     #[inline]
     pub fn pass_tile(&mut self, mut pass: impl FnMut(usize)) {
-        let room =
-            |at: i32, step: i32| if step < 0 { (at & (TILE_SIDE - 1)) + 1 } else { TILE_SIDE - (at & (TILE_SIDE - 1)) };
-        let (room_x, room_y) = (room(self.next.x, self.step_x), room(self.next.y, self.step_y));
         let (stride_x, stride_y) = (self.step_x, self.step_y * TILE_SIDE);
-        let (room_along, room_across, stride_along, stride_across) =
-            if self.is_steep { (room_y, room_x, stride_y, stride_x) } else { (room_x, room_y, stride_x, stride_y) };
-        let most = self.left.min(room_along);
-        let (mut along, mut across, mut index) = (0, 0, index_in_tile(self.next) as i32);
-        while along < most && across < room_across {
+        let (along, across) = if self.is_steep { (stride_y, stride_x) } else { (stride_x, stride_y) };
+        let (mut index, mut fraction) = (index_in_tile(self.next) as i32, self.fraction);
+        let cells = self.cells_in_tile();
+        for _ in 0..cells {
             pass(index as usize & (TILE_CELLS - 1));
-            self.fraction += self.slope;
-            let moved = (self.fraction / WHOLE) as i32;
-            self.fraction %= WHOLE;
-            along += 1;
-            across += moved;
-            index += stride_along + moved * stride_across;
+            fraction += self.slope;
+            // All ones where the other coordinate moves, too.
+            let moved = (fraction as i32) >> 31;
+            fraction &= WHOLE - 1;
+            index += along + (moved & across);
         }
+        self.advance(cells);
+    }
+
+    /// Goes on to where the ray leaves the tile that it is in.
+    #[inline]
+    pub fn skip_tile(&mut self) {
+        self.advance(self.cells_in_tile());
+    }
+
+    /// Goes on by so many cells.
+    #[inline]
+    fn advance(&mut self, cells: u32) {
+        let fraction = u64::from(self.fraction) + u64::from(cells) * u64::from(self.slope);
+        self.fraction = (fraction % u64::from(WHOLE)) as u32;
+        let (along, across) = (cells as i32, (fraction / u64::from(WHOLE)) as i32);
         self.left -= along;
         let (columns, rows) = if self.is_steep { (across, along) } else { (along, across) };
         self.next = Cell { x: self.next.x + columns * self.step_x, y: self.next.y + rows * self.step_y };
+    }
+
+    /// How many cells it passes in the tile that it is in.
+    #[inline]
+    fn cells_in_tile(&self) -> u32 {
+        let room =
+            |at: i32, step: i32| if step < 0 { (at & (TILE_SIDE - 1)) + 1 } else { TILE_SIDE - (at & (TILE_SIDE - 1)) };
+        let (room_x, room_y) = (room(self.next.x, self.step_x), room(self.next.y, self.step_y));
+        let (room_along, room_across) = if self.is_steep { (room_y, room_x) } else { (room_x, room_y) };
+        let most = self.left.min(room_along) as u32;
+        let left_across = room_across as u64 * u64::from(WHOLE) - u64::from(self.fraction);
+        // Mostly it leaves the tile at its far end, and no division is needed to see that.
+        if u64::from(most) * u64::from(self.slope) <= left_across {
+            return most;
+        }
+        left_across.div_ceil(u64::from(self.slope)) as u32
     }
 }
 
@@ -118,6 +144,15 @@ mod tests {
                 ray.pass_tile(|index| cells.push(cell_in_tile(at, index)));
             }
             prop_assert_eq!(cells, passed_cells(from, to).collect::<Vec<_>>());
+            // Tiles that are skipped change nothing in the others.
+            let (mut ray, mut skipping, mut every_other) = (TiledRay::new(from, to), TiledRay::new(from, to), false);
+            while let Some(next) = ray.next_cell() {
+                prop_assert_eq!(skipping.next_cell(), Some(next));
+                ray.pass_tile(|_| {});
+                if every_other { skipping.pass_tile(|_| {}) } else { skipping.skip_tile() }
+                every_other = !every_other;
+            }
+            prop_assert_eq!(skipping.next_cell(), None);
         }
 
         #[test]

@@ -4,6 +4,8 @@
 //! maps between particles for the same reason; tiles make it simple).
 
 use super::cell::Cell;
+use super::open_tiles::OpenTiles;
+use super::tile_rectangle::TileRectangle;
 use std::sync::Arc;
 
 /// Base-2 logarithm of the tiles' side in cells.
@@ -87,6 +89,49 @@ impl<T> TileGrid<T> {
         let row = at.y.wrapping_sub(self.first.y);
         ((column as u32) < (self.columns as u32) && (row as u32) < (self.rows as u32))
             .then(|| (row * self.columns + column) as usize)
+    }
+
+    /// Whether any order of writing to these tiles is sure to be within what the grid can span.
+    #[must_use]
+    pub fn can_hold(rectangle: &TileRectangle) -> bool {
+        let TileRectangle { low, high } = rectangle;
+        let longer = (i64::from(high.x) - i64::from(low.x)).max(i64::from(high.y) - i64::from(low.y)) + 1;
+        // With all that `grow_to` spares.
+        let side = 2 * longer + 16;
+        let farthest = [low.x, low.y, high.x, high.y].map(i32::saturating_abs).into_iter().fold(0, i32::max);
+        side * side <= LARGEST_DIRECTORY && farthest <= FARTHEST_TILE
+    }
+
+    /// Takes over all tiles of another grid, in place of its own.
+    pub fn adopt(&mut self, mut other: Self) {
+        if self.tiles.is_empty() {
+            *self = other;
+            return;
+        }
+        for index in 0..other.tiles.len() {
+            let Some(tile) = other.tiles[index].take() else { continue };
+            let (column, row) = (index as i32 % other.columns, index as i32 / other.columns);
+            let at = Cell { x: other.first.x + column, y: other.first.y + row };
+            if self.make_room(at)
+                && let Some(own) = self.index_of(at)
+            {
+                self.tiles[own] = Some(tile);
+            }
+        }
+    }
+
+    /// The tiles of a rectangle, for many writes; `None` where that is beyond what the grid can span (see
+    /// [`make_room`](Self::make_room)).
+    #[must_use]
+    pub fn open(&mut self, rectangle: TileRectangle) -> Option<OpenTiles<'_, T>> {
+        let TileRectangle { low, high } = rectangle;
+        if !self.make_room(low) || !self.make_room(high) {
+            return None;
+        }
+        let columns = (low.x - self.first.x) as usize..=(high.x - self.first.x) as usize;
+        let rows = self.tiles.chunks_exact_mut(self.columns as usize).skip((low.y - self.first.y) as usize);
+        let rows = rows.take((high.y - low.y + 1) as usize);
+        Some(OpenTiles::new(rectangle, rows.flat_map(|row| row[columns.clone()].iter_mut())))
     }
 
     /// Forgets the tile at these tile coordinates.
@@ -192,6 +237,41 @@ mod tests {
             prop_assert!(grid.iter().map(|(at, _)| (at.y, at.x)).is_sorted());
             for (x, y) in before.iter().chain(&after).map(|(at, _)| *at) {
                 prop_assert_eq!(grid.tile(Cell { x, y }), model.get(&(y, x)));
+            }
+        }
+
+        #[test]
+        fn open_tiles_are_written_like_any_other(
+            before in prop::collection::vec((tile(), 1..9_u32), 0..30),
+            after in prop::collection::vec(((-9..9_i32, -9..9_i32), 1..9_u32), 1..30),
+        ) {
+            let mut one_by_one = TileGrid::default();
+            before.iter().for_each(|&((x, y), value)| *one_by_one.tile_mut(Cell { x, y }).unwrap() += value);
+            let copied = contents(&one_by_one);
+            let mut at_once = one_by_one.clone();
+            let mut cells = after.iter().map(|&((x, y), _)| Cell { x, y });
+            let rectangle = TileRectangle::around(cells.next().unwrap(), cells);
+            let mut open = at_once.open(rectangle).unwrap();
+            let beside = Cell { x: rectangle.high.x + 1, y: rectangle.low.y };
+            prop_assert!(open.tile_mut(beside).is_none());
+            after.iter().for_each(|&((x, y), value)| *open.tile_mut(Cell { x, y }).unwrap() += value);
+            prop_assert_eq!(contents(&one_by_one), copied);
+            after.iter().for_each(|&((x, y), value)| *one_by_one.tile_mut(Cell { x, y }).unwrap() += value);
+            prop_assert_eq!(contents(&one_by_one), contents(&at_once));
+            let mut adopted = TileGrid::default();
+            *adopted.tile_mut(Cell { x: 70, y: 0 }).unwrap() = 5;
+            adopted.adopt(at_once);
+            prop_assert_eq!(adopted.tile(Cell { x: 70, y: 0 }), Some(&5));
+            prop_assert_eq!(contents(&adopted).len(), contents(&one_by_one).len() + 1);
+        }
+
+        /// What is sure to be held is held in whatever order it comes.
+        #[test]
+        fn what_can_be_held_is_held(tiles in prop::collection::vec((-300..300_i32, -300..300_i32), 1..40)) {
+            let cells: Vec<_> = tiles.iter().map(|&(x, y)| Cell { x, y }).collect();
+            let mut grid = TileGrid::<u8>::default();
+            if TileGrid::<u8>::can_hold(&TileRectangle::around(cells[0], cells.iter().copied())) {
+                prop_assert!(cells.iter().all(|&cell| grid.tile_mut(cell).is_some()));
             }
         }
 

@@ -15,10 +15,16 @@ impl TileRectangle {
     /// The smallest rectangle that holds `tiles` and `first`.
     #[must_use]
     pub fn around(first: Cell, tiles: impl Iterator<Item = Cell>) -> Self {
-        tiles.fold(Self { low: first, high: first }, |rectangle, tile| Self {
-            low: Cell { x: rectangle.low.x.min(tile.x), y: rectangle.low.y.min(tile.y) },
-            high: Cell { x: rectangle.high.x.max(tile.x), y: rectangle.high.y.max(tile.y) },
-        })
+        tiles.fold(Self { low: first, high: first }, Self::with)
+    }
+
+    /// Widened to hold another tile.
+    #[must_use]
+    pub fn with(self, tile: Cell) -> Self {
+        Self {
+            low: Cell { x: self.low.x.min(tile.x), y: self.low.y.min(tile.y) },
+            high: Cell { x: self.high.x.max(tile.x), y: self.high.y.max(tile.y) },
+        }
     }
 
     /// Its tiles, row by row.

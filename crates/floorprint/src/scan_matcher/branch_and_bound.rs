@@ -60,7 +60,7 @@ pub struct PlaceSearch {
     /// Cell coordinates of the grids' first cell.
     first: [i32; 2],
     /// `levels[h]` bounds blocks of 2^h × 2^h offsets.
-    levels: Vec<Grid>,
+    levels: Vec<Quads>,
 }
 
 #[derive(Debug, Clone, Default)]
@@ -110,6 +110,49 @@ impl Grid {
     }
 }
 
+/// Values of four neighbouring cells, a byte each: a cell's, that of the one to its right, and of the two above these.
+/// Added up they are the scores of four neighbouring blocks of offsets, found by one look-up a point.
+type Quad = u32;
+
+/// A grid of which one look-up gives four cells.
+#[derive(Debug, Clone)]
+struct Quads {
+    /// The first column and row are those of the quads that begin before the grid's.
+    columns: i32,
+    rows: i32,
+    quads: Vec<Quad>,
+}
+
+impl Quads {
+    fn of(grid: &Grid) -> Self {
+        let (columns, rows) = (grid.columns + 1, grid.rows + 1);
+        let mut quads = vec![0; (columns * rows) as usize];
+        let width = grid.columns as usize;
+        for (row, cells) in grid.cells.chunks_exact(width).enumerate() {
+            let (above, below) = quads.split_at_mut((row + 1) * width + row + 1);
+            let (as_upper, as_lower) = (&mut above[row * (width + 1)..], below);
+            for (column, cell) in cells.iter().map(|&cell| Quad::from(cell)).enumerate() {
+                as_upper[column] |= cell << 24;
+                as_upper[column + 1] |= cell << 16;
+                as_lower[column] |= cell << 8;
+                as_lower[column + 1] |= cell;
+            }
+        }
+        Self { columns, rows, quads }
+    }
+
+    /// The values of the cell, the one to its right, and the two above these; 0 outside.
+    #[inline]
+    fn at(&self, x: i32, y: i32) -> Quad {
+        let (column, row) = (x + 1, y + 1);
+        if (column as u32) < self.columns as u32 && (row as u32) < self.rows as u32 {
+            self.quads[(row * self.columns + column) as usize]
+        } else {
+            0
+        }
+    }
+}
+
 /// A block of offsets at one heading.
 #[derive(Debug, Clone, Copy)]
 struct Block {
@@ -153,10 +196,10 @@ impl PlaceSearch {
         let mut levels = Vec::with_capacity(TOP_LEVEL + 1);
         // Pooled without overlap each level follows from the one before; a block of offsets straddles two cells a side.
         let mut without_overlap = finest.clone();
-        levels.push(finest);
+        levels.push(Quads::of(&finest));
         for _ in 0..TOP_LEVEL {
             without_overlap = without_overlap.pooled(2, 2);
-            levels.push(without_overlap.pooled(1, 2));
+            levels.push(Quads::of(&without_overlap.pooled(1, 2)));
         }
         Self { first, levels }
     }
@@ -230,11 +273,23 @@ impl PlaceSearch {
     fn roots(&self, rotated: &[Vec<[i32; 2]>], radius: i32, blocks_left: &mut usize) -> Option<Vec<Block>> {
         let level = (0..TOP_LEVEL).find(|&level| 1 << level > 2 * radius).unwrap_or(TOP_LEVEL);
         let mut roots = Vec::new();
+        let side = ((2 * radius as usize) >> level) + 1;
         for (heading, cells) in rotated.iter().enumerate() {
-            for y in (-radius..=radius).step_by(1 << level) {
-                for x in (-radius..=radius).step_by(1 << level) {
-                    *blocks_left = blocks_left.checked_sub(1)?;
-                    roots.push(Block { heading, level, offset: [x, y], bound: self.bound(cells, level, [x, y]) });
+            *blocks_left = blocks_left.checked_sub(side * side)?;
+            let first = roots.len();
+            for y in 0..side {
+                for x in 0..side {
+                    let offset = [x, y].map(|step| -radius + ((step as i32) << level));
+                    roots.push(Block { heading, level, offset, bound: 0 });
+                }
+            }
+            let roots = &mut roots[first..];
+            for (y, x) in (0..side).step_by(2).flat_map(|y| (0..side).step_by(2).map(move |x| (y, x))) {
+                let bounds = self.bounds(0, cells, level, roots[y * side + x].offset).unwrap_or_default();
+                for ((dx, dy), bound) in QUAD.into_iter().zip(bounds) {
+                    if x + dx < side && y + dy < side {
+                        roots[(y + dy) * side + x + dx].bound = bound;
+                    }
                 }
             }
         }
@@ -266,14 +321,15 @@ impl PlaceSearch {
                 }
                 let (level, half) = (block.level - 1, 1 << (block.level - 1));
                 let first_child = stack.len();
-                for [dx, dy] in [[0, 0], [half, 0], [0, half], [half, half]] {
-                    let offset = [block.offset[0] + dx, block.offset[1] + dy];
+                let needed = best.as_ref().map_or(least, |best| best.bound + 1);
+                let bounds = self.bounds(needed, &rotated[block.heading], level, block.offset);
+                for (child, (dx, dy)) in QUAD.into_iter().enumerate() {
+                    let offset = [block.offset[0] + half * dx as i32, block.offset[1] + half * dy as i32];
                     if offset[0] > radius || offset[1] > radius {
                         continue;
                     }
                     *blocks_left = blocks_left.checked_sub(1)?;
-                    let needed = best.as_ref().map_or(least, |best| best.bound + 1);
-                    if let Some(bound) = self.bound_from(needed, &rotated[block.heading], level, offset) {
+                    if let Some(bound) = bounds.map(|bounds| bounds[child]).filter(|&bound| bound >= needed) {
                         stack.push(Block { level, offset, bound, ..block });
                     }
                 }
@@ -284,31 +340,28 @@ impl PlaceSearch {
         Some(best)
     }
 
-    /// What the points score at most at any offset of a block.
+    /// What the points score at most at any offset of the block that begins at `offset`, of the one to its right, and
+    /// of the two above these, if any of the four is at least `needed`; given up once that is out of reach.
     #[inline]
-    fn bound(&self, cells: &[[i32; 2]], level: usize, offset: [i32; 2]) -> u32 {
+    fn bounds(&self, needed: u32, cells: &[[i32; 2]], level: usize, offset: [i32; 2]) -> Option<[u32; 4]> {
         let grid = &self.levels[level];
-        cells.iter().map(|[x, y]| u32::from(grid.at((x + offset[0]) >> level, (y + offset[1]) >> level))).sum()
-    }
-}
-
-impl PlaceSearch {
-    /// The same, if it is at least `needed`; given up once that is out of reach.
-    #[inline]
-    fn bound_from(&self, needed: u32, cells: &[[i32; 2]], level: usize, offset: [i32; 2]) -> Option<u32> {
-        let (mut sum, mut left) = (0, cells.len() as u32);
+        let (mut sums, mut left) = ([0; 4], cells.len() as u32);
         for part in cells.chunks(PART) {
-            sum += self.bound(part, level, offset);
+            let quads = part.iter().map(|[x, y]| grid.at((x + offset[0]) >> level, (y + offset[1]) >> level));
+            let quad: Quad = quads.sum();
+            sums.iter_mut().zip(quad.to_le_bytes()).for_each(|(sum, value)| *sum += u32::from(value));
             left -= part.len() as u32;
-            if sum + left * u32::from(ON_SURFACE) < needed {
+            if sums.into_iter().fold(0, u32::max) + left * u32::from(ON_SURFACE) < needed {
                 return None;
             }
         }
-        Some(sum)
+        Some(sums)
     }
 }
 
-/// Points after which it is seen whether a block can still be good enough.
+/// Columns and rows from a quad's first cell to each of its cells.
+const QUAD: [(usize, usize); 4] = [(0, 0), (1, 0), (0, 1), (1, 1)];
+/// Points after which it is seen whether a block can still be good enough: so few that their values fit a byte.
 const PART: usize = 16;
 
 /// The step in heading at which few points move by more than a cell.
@@ -364,7 +417,7 @@ mod tests {
             let cells = search.cells_at(&points, &Pose2::IDENTITY, 0.0);
             let best = (-radius..=radius)
                 .flat_map(|y| (-radius..=radius).map(move |x| [x, y]))
-                .map(|offset| search.bound(&cells, 0, offset))
+                .map(|offset| search.bounds(0, &cells, 0, offset).unwrap()[0])
                 .max()
                 .unwrap();
             let score = f64::from(best) / (f64::from(ON_SURFACE) * points.len() as f64);

@@ -7,8 +7,7 @@
 use super::MatcherConfig;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::Cell;
-use crate::surface::SurfaceMap;
-use crate::surface::SurfaceScan;
+use crate::surface::{SurfaceFinder, SurfaceMap, SurfaceScan};
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
 /// A Gaussian belief about a pose: the mean, and the information matrix over (x, y, θ) in the
@@ -101,9 +100,10 @@ pub fn inlier_share(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: 
 #[must_use]
 pub fn outliers(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: &MatcherConfig) -> SurfaceScan {
     let weights = Weights::new(config.gate_sigmas, config);
+    let mut finder = map.finder();
     let of_block = |block: Block| {
         let mut sums = Sums::default();
-        sums.add(map, &block, pose, &weights);
+        sums.add(&mut finder, map.inverse_resolution() as f32, &block, pose, &weights);
         sums.inliers.into_iter().take(block.count).map(|inliers| inliers == 0.0)
     };
     scan.selected(blocks(scan).flat_map(of_block))
@@ -197,8 +197,9 @@ fn linearise(
 ) -> Linearisation {
     let weights = Weights::new(gate_sigmas, config);
     let mut sums = Sums::default();
+    let (mut finder, inverse_resolution) = (map.finder(), map.inverse_resolution() as f32);
     for block in blocks(scan) {
-        sums.add(map, &block, pose, &weights);
+        sums.add(&mut finder, inverse_resolution, &block, pose, &weights);
     }
     let total = |lanes: Lanes| lanes.iter().map(|&lane| f64::from(lane)).sum::<f64>();
     let [xx, xy, xt, yy, yt, tt] = [sums.xx, sums.xy, sums.xt, sums.yy, sums.yt, sums.tt].map(total);
@@ -252,11 +253,17 @@ impl Weights {
 impl Sums {
     /// Adds what a block of points says at a pose.
     #[inline(always)] // What depends on the pose alone is then computed once for all blocks.
-    fn add(&mut self, map: &SurfaceMap, block: &Block, pose: &Pose2, weights: &Weights) {
+    fn add(
+        &mut self,
+        finder: &mut SurfaceFinder<'_>,
+        inverse_resolution: f32,
+        block: &Block,
+        pose: &Pose2,
+        weights: &Weights,
+    ) {
         let (sin, cos) = pose.theta.sin_cos();
         let (sin, cos) = (sin as f32, cos as f32);
         let (pose_x, pose_y) = (pose.x as f32, pose.y as f32);
-        let inverse_resolution = map.inverse_resolution() as f32;
         let zero: Lanes = [0.0; LANES];
         let (mut rx, mut ry, mut cell_x, mut cell_y) = (zero, zero, [0; LANES], [0; LANES]);
         for lane in 0..LANES {
@@ -265,16 +272,8 @@ impl Sums {
             cell_x[lane] = floor((pose_x + rx[lane]) * inverse_resolution);
             cell_y[lane] = floor((pose_y + ry[lane]) * inverse_resolution);
         }
-        let (mut mean_x, mut mean_y, mut nx, mut ny, mut flatness) = (zero, zero, zero, zero, zero);
-        let mut found = [false; LANES];
-        for lane in 0..block.count {
-            if let Some(surface) = map.nearest_to_cell(Cell { x: cell_x[lane], y: cell_y[lane] }) {
-                [mean_x[lane], mean_y[lane]] = surface.mean_m;
-                [nx[lane], ny[lane]] = surface.normal;
-                flatness[lane] = surface.flatness;
-                found[lane] = true;
-            }
-        }
+        let Found { mean_x, mean_y, normal_x: nx, normal_y: ny, flatness, is_there: found } =
+            Found::near(finder, &cell_x, &cell_y, block.count);
         for lane in 0..LANES {
             let (rx, ry, nx, ny, flatness) = (rx[lane], ry[lane], nx[lane], ny[lane], flatness[lane]);
             let (scan_nx, scan_ny) = (block.normal_x[lane], block.normal_y[lane]);
@@ -307,6 +306,33 @@ impl Sums {
             let beyond = -0.5 * square - OUTLIER_LOG_LIKELIHOOD;
             self.log_likelihood[lane] += if beyond > 0.0 { used * beyond } else { 0.0 };
         }
+    }
+}
+
+/// The surfaces nearest to a block's points.
+#[derive(Default)]
+struct Found {
+    mean_x: Lanes,
+    mean_y: Lanes,
+    normal_x: Lanes,
+    normal_y: Lanes,
+    flatness: Lanes,
+    is_there: [bool; LANES],
+}
+
+impl Found {
+    #[inline(never)] // The registers are all needed here.
+    fn near(finder: &mut SurfaceFinder<'_>, cell_x: &[i32; LANES], cell_y: &[i32; LANES], count: usize) -> Self {
+        let mut found = Self::default();
+        for lane in 0..count.min(LANES) {
+            if let Some(surface) = finder.nearest_to_cell(Cell { x: cell_x[lane], y: cell_y[lane] }) {
+                [found.mean_x[lane], found.mean_y[lane]] = surface.mean_m;
+                [found.normal_x[lane], found.normal_y[lane]] = surface.normal;
+                found.flatness[lane] = surface.flatness;
+                found.is_there[lane] = true;
+            }
+        }
+        found
     }
 }
 

@@ -5,8 +5,10 @@
 //! the bit the one that is drawn from nothing.
 
 use crate::compact_scan::CompactScan;
+use crate::frame::BodyScan;
 use crate::geometry::Pose2;
 use crate::map::{MapConfig, OccupancyGrid, TileRectangle};
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 /// A scan is drawn again when its points moved by more than this share of a cell.
@@ -26,6 +28,12 @@ struct Drawn {
     pose: Pose2,
     reach_m: f64,
     tiles: TileRectangle,
+}
+
+impl Drawn {
+    fn of(scan: &BodyScan, pose: &Pose2, grid: &OccupancyGrid) -> Self {
+        Self { pose: *pose, reach_m: scan.reach_m(), tiles: grid.tiles_around(pose, scan) }
+    }
 }
 
 impl Renderer {
@@ -49,13 +57,24 @@ impl Renderer {
         } else if !moved.is_empty() {
             self.draw_again(&moved, scans, poses);
         }
+        if self.drawn.is_empty() && rayon::current_num_threads() > 1 {
+            self.draw_all(scans, poses);
+        }
         for (scan, pose) in scans.iter().zip(poses).skip(self.drawn.len()) {
             let scan = scan.unpack();
             self.grid.draw_scan(pose, &scan);
-            let (reach_m, tiles) = (scan.reach_m(), self.grid.tiles_around(pose, &scan));
-            self.drawn.push(Drawn { pose: *pose, reach_m, tiles });
+            self.drawn.push(Drawn::of(&scan, pose, &self.grid));
         }
         &self.grid
+    }
+
+    /// Draws scans on the empty grid on several cores.
+    fn draw_all(&mut self, scans: &[&CompactScan], poses: &[Pose2]) {
+        let grid = &self.grid;
+        self.drawn = scans.par_iter().zip(poses).map(|(scan, pose)| Drawn::of(&scan.unpack(), pose, grid)).collect();
+        let scans: Vec<_> = scans.iter().copied().zip(poses.iter().copied()).collect();
+        let reached: Vec<_> = self.drawn.iter().map(|drawn| drawn.tiles).collect();
+        self.grid.draw_scans(&scans, &reached);
     }
 
     /// What was drawn last.
@@ -80,5 +99,29 @@ impl Renderer {
         {
             self.grid.draw_scan_within(&drawn.pose, &scan.unpack(), &stale);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan_matcher::synthetic::{Walls, poses_along};
+
+    #[test]
+    fn the_number_of_threads_changes_nothing() {
+        let poses = poses_along(&[[-1.5, -1.0], [1.5, -1.0], [1.5, 1.0]], 0.1);
+        let scans: Vec<_> = poses.iter().map(|pose| CompactScan::new(&Walls::room().scan_from(pose, 361))).collect();
+        let scans: Vec<&CompactScan> = scans.iter().collect();
+        let drawn = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut renderer = Renderer::new(&MapConfig::default());
+                renderer.draw(&scans, &poses).seen_cells().collect::<Vec<_>>()
+            })
+        };
+        let one = drawn(1);
+        assert!(one.len() > 1000);
+        assert_eq!(one, drawn(2));
+        assert_eq!(one, drawn(7));
     }
 }

@@ -9,6 +9,7 @@ use crate::front_end::FrontEndState;
 use crate::geometry::Pose2;
 use crate::key_scan::KeyScan;
 use crate::map::{MapConfig, OccupancyGrid};
+use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
 use crate::surface::SurfaceScan;
@@ -31,7 +32,7 @@ pub struct StoredScan {
 /// The drive so far: the front end's poses, the key scans, and the places that hold them together.
 ///
 /// Two frames: the front end drifts in `odom`; the places put it right in `world`, whose origin is the body's pose at
-/// the first scan.
+/// the first scan unless the session was [moved](Self::moved).
 #[derive(Debug, Clone)]
 pub struct Session {
     map: MapConfig,
@@ -48,6 +49,8 @@ pub struct Session {
     front_end: Option<FrontEndState>,
     /// What the drive amounts to once it has ended; `None` before.
     finished: Option<Finished>,
+    /// The first scan's pose, world from body.
+    world_from_start: Pose2,
 }
 
 /// The newest scans between the key scans.
@@ -102,6 +105,8 @@ pub struct SessionState {
     places: Option<PlaceGraph>,
     finished: Option<Finished>,
     front_end: Option<FrontEndState>,
+    #[serde(default)]
+    world_from_start: Pose2,
 }
 
 /// Why what was stored is no session.
@@ -122,6 +127,7 @@ impl Session {
             places,
             front_end: None,
             finished: None,
+            world_from_start: Pose2::IDENTITY,
         }
     }
 
@@ -179,6 +185,7 @@ impl Session {
             places: self.places.clone(),
             finished: self.finished.clone(),
             front_end: self.front_end.clone(),
+            world_from_start: self.world_from_start,
         }
     }
 
@@ -189,7 +196,7 @@ impl Session {
     pub fn restore(state: SessionState, poses: Vec<StampedPose>, scans: Vec<StoredScan>) -> Result<Self, SessionError> {
         let holds = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(SessionError(what)) };
         let are_finite = poses.iter().all(|stamped| stamped.pose.is_finite() && stamped.stamp_s.is_finite());
-        holds(are_finite, "a pose is not finite")?;
+        holds(are_finite && state.world_from_start.is_finite(), "a pose is not finite")?;
         holds(scans.iter().all(|scan| scan.frame < poses.len()), "a key scan is of a frame that is not there")?;
         holds(scans.is_sorted_by(|a, b| a.frame < b.frame), "key scans are out of order")?;
         let window = state.front_end.as_ref().map_or(0, FrontEndState::window_scans);
@@ -203,6 +210,7 @@ impl Session {
             places: state.places,
             front_end: state.front_end,
             finished: state.finished,
+            world_from_start: state.world_from_start,
         };
         let odom_from_bodies = session.odom_from_bodies();
         let frames: Vec<usize> = session.scans.iter().map(|scan| scan.frame).collect();
@@ -283,12 +291,33 @@ impl Session {
         refined.iter().map(|&(frame, pose)| Anchor { frame, pose, interruption: interruption(frame) }).collect()
     }
 
-    /// The poses of all frames, world from body; the first is the identity.
+    /// The poses of all frames, world from body; the first is the identity unless the session was moved.
     #[must_use]
     pub fn world_from_bodies(&self) -> Vec<Pose2> {
         let poses = corrected_poses(&self.odom_from_bodies(), &self.anchors());
         let start = poses.first().copied().unwrap_or(Pose2::IDENTITY);
-        poses.iter().map(|pose| start.between(pose)).collect()
+        poses.iter().map(|pose| self.world_from_start.compose(&start.between(pose))).collect()
+    }
+
+    /// Where the front end's frame is in the world: the transform that REP 105 calls map→odom.
+    #[must_use]
+    pub fn world_from_odom(&self) -> Pose2 {
+        self.world_from_start.compose(&self.places().map_or(Pose2::IDENTITY, PlaceGraph::correction))
+    }
+
+    /// The same session in a world whose axes lie elsewhere.
+    #[must_use]
+    pub fn moved(mut self, new_world_from_world: &Pose2) -> Self {
+        self.world_from_start = new_world_from_world.compose(&self.world_from_start);
+        self
+    }
+
+    /// The pose graph of the submaps in the world; `None` where loops are not closed.
+    #[must_use]
+    pub fn graph(&self) -> Option<PoseGraph> {
+        let mut graph = self.places()?.graph();
+        graph.poses_mut().iter_mut().for_each(|pose| *pose = self.world_from_start.compose(pose));
+        Some(graph)
     }
 
     /// The trajectory: the body's pose in the world at each frame's stamp.

@@ -8,5 +8,5 @@ mod surface_scan;
 
 pub use horizon::Horizon;
 pub use proximity_field::ProximityField;
-pub use surface_map::{Surface, SurfaceMap, proximity_of};
+pub use surface_map::{Surface, SurfaceFinder, SurfaceMap, proximity_of};
 pub use surface_scan::{SurfaceScan, Thinning};

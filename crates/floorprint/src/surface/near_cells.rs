@@ -42,14 +42,28 @@ impl NearCells {
     #[inline]
     #[must_use]
     pub fn nearest(&self, column: i32, row: i32) -> Option<[i32; 2]> {
+        match self.around(column, row) {
+            0 => self.farther(column, row),
+            around => Some(NEAREST_OF_NINE[around].map(i32::from)),
+        }
+    }
+
+    /// Which of the nine cells around and including this one hold something: a bit each, row by row.
+    #[inline]
+    #[must_use]
+    pub fn around(&self, column: i32, row: i32) -> usize {
+        let (column, row) = (column & (TILE_SIDE - 1), row & (TILE_SIDE - 1));
+        let Some(rows) = self.rows[(row + REACH_CELLS - 1) as usize..].first_chunk::<3>() else { return 0 };
+        let three = |row: usize| (rows[row] >> (column + REACH_CELLS - 1)) as usize & 0b111;
+        three(0) | three(1) << 3 | three(2) << 6
+    }
+
+    /// Columns and rows to the nearest cell that holds something where none of the nine around a cell does.
+    #[inline(never)] // One look-up in fifty comes here.
+    #[must_use]
+    pub fn farther(&self, column: i32, row: i32) -> Option<[i32; 2]> {
         let (column, row) = (column & (TILE_SIDE - 1), row & (TILE_SIDE - 1));
         let window = self.rows[row as usize..].first_chunk::<WINDOW>()?;
-        let middle = REACH_CELLS as usize;
-        let three = |row: usize| (window[row] >> (column + REACH_CELLS - 1)) as usize & 0b111;
-        let around = three(middle - 1) | three(middle) << 3 | three(middle + 1) << 6;
-        if around != 0 {
-            return Some(NEAREST_OF_NINE[around].map(i32::from));
-        }
         let anything = window.iter().fold(0, |all, bits| all | bits);
         if (anything >> column) & WINDOW_BITS == 0 {
             return None;
@@ -85,7 +99,7 @@ fn nearest_in_window(window: &[u64; WINDOW], column: i32) -> Option<[i32; 2]> {
 }
 
 /// For each pattern of the nine cells around and including one (a bit each, row by row) the offset to the nearest.
-static NEAREST_OF_NINE: [[i8; 2]; 512] = {
+pub static NEAREST_OF_NINE: [[i8; 2]; 512] = {
     let by_distance: [[i8; 2]; 9] = [[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, -1], [-1, 1], [1, 1]];
     let mut table = [[0; 2]; 512];
     let mut pattern = 1;

@@ -6,11 +6,11 @@
 //! GMapping, Grisetti et al. 2007). Matching is one look-up per point.
 
 use super::horizon::Horizon;
-use super::near_cells::{NearCells, REACH_CELLS};
+use super::near_cells::{NEAREST_OF_NINE, NearCells, REACH_CELLS};
 use super::surface_scan::SurfaceScan;
 use crate::geometry::Pose2;
-use crate::map::Cell;
-use crate::map::tile_grid::{TILE_BITS, TILE_CELLS, TileGrid, cell_in_tile, index_in_tile, tile_of};
+use crate::map::tile_grid::{TILE_BITS, TILE_CELLS, TILE_SIDE, TileGrid, cell_in_tile, index_in_tile, tile_of};
+use crate::map::{Cell, OpenTiles, TileRectangle};
 
 /// End points beyond this number no longer slow down how a surface's mean follows new ones.
 const MEMORY_HITS: f32 = 60.0;
@@ -61,6 +61,37 @@ impl SurfaceTile {
     }
 }
 
+/// Finds the surfaces nearest to cells, one after the other: mostly they lie in the tile of the one before.
+#[derive(Debug)]
+pub struct SurfaceFinder<'a> {
+    tiles: &'a TileGrid<SurfaceTile>,
+    /// The tile that was looked up last.
+    at: Cell,
+    tile: Option<&'a SurfaceTile>,
+}
+
+impl<'a> SurfaceFinder<'a> {
+    /// The surface nearest to a cell, if one is within reach.
+    #[inline]
+    #[must_use]
+    pub fn nearest_to_cell(&mut self, cell: Cell) -> Option<&'a Surface> {
+        let at = tile_of(cell);
+        if at != self.at {
+            (self.at, self.tile) = (at, self.tiles.tile(at));
+        }
+        let tile = self.tile?;
+        let offset = match tile.occupied.around(cell.x, cell.y) {
+            0 => tile.occupied.farther(cell.x, cell.y)?,
+            around => NEAREST_OF_NINE[around].map(i32::from),
+        };
+        let target = Cell { x: cell.x + offset[0], y: cell.y + offset[1] };
+        let (column, row) = ((cell.x & (TILE_SIDE - 1)) + offset[0], (cell.y & (TILE_SIDE - 1)) + offset[1]);
+        // Mostly the same tile.
+        let tile = if (column | row) & !(TILE_SIDE - 1) == 0 { tile } else { self.tiles.tile(tile_of(target))? };
+        tile.surface(index_in_tile(target))
+    }
+}
+
 /// An unbounded map of surfaces. Copies share tiles.
 #[derive(Debug, Clone)]
 pub struct SurfaceMap {
@@ -99,14 +130,14 @@ impl SurfaceMap {
     #[inline]
     #[must_use]
     pub fn nearest_to_cell(&self, cell: Cell) -> Option<&Surface> {
-        let at = tile_of(cell);
-        let tile = self.tiles.tile(at)?;
-        let [dx, dy] = tile.occupied.nearest(cell.x, cell.y)?;
-        let target = Cell { x: cell.x + dx, y: cell.y + dy };
-        let there = tile_of(target);
-        // Mostly the same tile, which is then not looked up again.
-        let tile = if there == at { tile } else { self.tiles.tile(there)? };
-        tile.surface(index_in_tile(target))
+        self.finder().nearest_to_cell(cell)
+    }
+
+    /// For many look-ups in a row.
+    #[inline]
+    #[must_use]
+    pub fn finder(&self) -> SurfaceFinder<'_> {
+        SurfaceFinder { tiles: &self.tiles, at: Cell { x: i32::MAX, y: i32::MAX }, tile: None }
     }
 
     #[cfg(test)]
@@ -122,8 +153,25 @@ impl SurfaceMap {
 
     /// Writes a scan taken at `world_from_body`: its end points found or sharpen surfaces.
     pub fn add_scan(&mut self, world_from_body: &Pose2, scan: &SurfaceScan) {
-        for (point, normal) in in_world(world_from_body, scan) {
-            self.add_hit(point, normal);
+        let hits: Vec<Hit> = in_world(world_from_body, scan)
+            .map(|(point, normal)| Hit {
+                cell: Cell::containing(point, self.inverse_resolution),
+                point: point.map(|coordinate| coordinate as f32),
+                normal,
+            })
+            .collect();
+        self.add_hits(&hits);
+    }
+
+    fn add_hits(&mut self, hits: &[Hit]) {
+        let Some(first) = hits.first() else { return };
+        let around = |cell: Cell| around(cell).map(tile_of);
+        let rectangle = TileRectangle::around(tile_of(first.cell), hits.iter().flat_map(|hit| around(hit.cell)));
+        match self.tiles.open(rectangle) {
+            Some(mut tiles) => hits.iter().for_each(|hit| add_hit(&mut tiles, hit)),
+            // What lies beyond reason is left out.
+            None if hits.len() > 1 => hits.iter().for_each(|hit| self.add_hits(std::slice::from_ref(hit))),
+            None => {}
         }
     }
 
@@ -165,49 +213,10 @@ impl SurfaceMap {
         }
     }
 
+    #[cfg(test)]
     fn add_hit(&mut self, point_m: [f64; 2], normal: [f32; 2]) {
         let cell = Cell::containing(point_m, self.inverse_resolution);
-        let index = index_in_tile(cell);
-        let point = [point_m[0] as f32, point_m[1] as f32];
-        let Some(tile) = self.tiles.tile_mut(tile_of(cell)) else { return };
-        let slot = tile.slot[index];
-        if slot != 0 {
-            let surface = &mut tile.surfaces[usize::from(slot) - 1];
-            surface.hits = (surface.hits + 1.0).min(MEMORY_HITS);
-            surface.contradictions = (surface.contradictions - 0.25).max(0.0);
-            let gain = 1.0 / surface.hits;
-            let mut mean_normal = surface.normal.map(|n| n * surface.flatness);
-            for axis in 0..2 {
-                surface.mean_m[axis] += gain * (point[axis] - surface.mean_m[axis]);
-                mean_normal[axis] += gain * (normal[axis] - mean_normal[axis]);
-            }
-            (surface.normal, surface.flatness) = direction_and_length(mean_normal);
-        } else {
-            let (normal, flatness) = direction_and_length(normal);
-            tile.surfaces.push(Surface {
-                mean_m: point,
-                normal,
-                flatness,
-                hits: 1.0,
-                contradictions: 0.0,
-                cell: index as u16,
-            });
-            tile.slot[index] = tile.surfaces.len() as u16;
-            self.announce(cell, true);
-        }
-    }
-
-    /// Tells the tiles within reach of `cell` whether it holds a surface.
-    fn announce(&mut self, cell: Cell, holds: bool) {
-        let low = tile_of(Cell { x: cell.x - REACH_CELLS, y: cell.y - REACH_CELLS });
-        let high = tile_of(Cell { x: cell.x + REACH_CELLS, y: cell.y + REACH_CELLS });
-        for y in low.y..=high.y {
-            for x in low.x..=high.x {
-                if let Some(tile) = self.tiles.tile_mut(Cell { x, y }) {
-                    tile.occupied.set(cell.x - (x << TILE_BITS), cell.y - (y << TILE_BITS), holds);
-                }
-            }
-        }
+        self.add_hits(&[Hit { cell, point: point_m.map(|coordinate| coordinate as f32), normal }]);
     }
 
     /// Takes away the surface of `cell`.
@@ -218,7 +227,10 @@ impl SurfaceMap {
         if let Some(moved) = tile.surfaces.get(usize::from(slot) - 1) {
             tile.slot[usize::from(moved.cell)] = slot;
         }
-        self.announce(cell, false);
+        let [low, high] = around(cell).map(tile_of);
+        if let Some(mut tiles) = self.tiles.open(TileRectangle { low, high }) {
+            announce(&mut tiles, cell, false);
+        }
     }
 
     /// How near the nearest surface is: 1 in its cell, 0 beyond reach.
@@ -246,6 +258,56 @@ impl SurfaceMap {
     pub fn tile_counts(&self) -> (usize, usize) {
         self.tiles.tile_counts()
     }
+}
+
+/// The end of a ray, in the world.
+struct Hit {
+    cell: Cell,
+    /// Metres.
+    point: [f32; 2],
+    normal: [f32; 2],
+}
+
+fn add_hit(tiles: &mut OpenTiles<'_, SurfaceTile>, hit: &Hit) {
+    let &Hit { cell, point, normal } = hit;
+    let index = index_in_tile(cell);
+    let Some(tile) = tiles.tile_mut(tile_of(cell)) else { return };
+    let slot = tile.slot[index];
+    if slot != 0 {
+        let surface = &mut tile.surfaces[usize::from(slot) - 1];
+        surface.hits = (surface.hits + 1.0).min(MEMORY_HITS);
+        surface.contradictions = (surface.contradictions - 0.25).max(0.0);
+        let gain = 1.0 / surface.hits;
+        let mut mean_normal = surface.normal.map(|n| n * surface.flatness);
+        for axis in 0..2 {
+            surface.mean_m[axis] += gain * (point[axis] - surface.mean_m[axis]);
+            mean_normal[axis] += gain * (normal[axis] - mean_normal[axis]);
+        }
+        (surface.normal, surface.flatness) = direction_and_length(mean_normal);
+    } else {
+        let (normal, flatness) = direction_and_length(normal);
+        let cell = index as u16;
+        tile.surfaces.push(Surface { mean_m: point, normal, flatness, hits: 1.0, contradictions: 0.0, cell });
+        tile.slot[index] = tile.surfaces.len() as u16;
+        announce(tiles, hit.cell, true);
+    }
+}
+
+/// Tells the tiles within reach of `cell` whether it holds a surface.
+fn announce(tiles: &mut OpenTiles<'_, SurfaceTile>, cell: Cell, holds: bool) {
+    let [low, high] = around(cell).map(tile_of);
+    for y in low.y..=high.y {
+        for x in low.x..=high.x {
+            if let Some(tile) = tiles.tile_mut(Cell { x, y }) {
+                tile.occupied.set(cell.x - (x << TILE_BITS), cell.y - (y << TILE_BITS), holds);
+            }
+        }
+    }
+}
+
+/// The corners of what lies within reach of a cell.
+fn around(cell: Cell) -> [Cell; 2] {
+    [-REACH_CELLS, REACH_CELLS].map(|reach| Cell { x: cell.x.saturating_add(reach), y: cell.y.saturating_add(reach) })
 }
 
 /// Whether a scan cannot have seen as far as it did had the surface been there.

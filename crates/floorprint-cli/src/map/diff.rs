@@ -1,0 +1,192 @@
+//! `floorprint map diff`.
+
+use super::Stored;
+use crate::figure::{Color, Figure};
+use crate::number::number;
+use crate::outcome::{BadArguments, Outcome};
+use crate::terminal::Terminal;
+use anyhow::Context as _;
+use clap::Args;
+use floorprint::map::{Change, ChangedPatch, Occupancy, OccupancyGrid, Raster, difference};
+use floorprint::session::Session;
+use floorprint::{Config, Slam};
+use floorprint_io::{read_map, write_file, write_png};
+use serde_json::json;
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `map diff`.
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// The earlier map: a session, or the YAML file of a map whose axes lie as the other's do.
+    before: PathBuf,
+    /// The later map. A session that goes on from the earlier one is compared by what its new drives saw; another session is
+    /// first looked for on the earlier one.
+    after: PathBuf,
+    /// Folder for diff.geojson and diff.png, which is made.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Walls that moved by no more than this did not change, metres.
+    #[arg(long, value_name = "METRES", default_value_t = 0.15, value_parser = number(0.0, 10.0))]
+    tolerance: f64,
+    /// Patches smaller than this are left out, square metres.
+    #[arg(long, value_name = "AREA", default_value_t = 0.02, value_parser = number(0.0, 1e6))]
+    least_area: f64,
+    /// Print GeoJSON instead of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+const NEW: Color = [22, 163, 74];
+const GONE: Color = [220, 38, 38];
+
+impl Arguments {
+    pub(super) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Outcome> {
+        let [before, after] = self.maps()?;
+        let patches = difference(&before, &after, self.tolerance, self.least_area);
+        let document = geojson(&patches).to_string() + "\n";
+        if let Some(folder) = &self.out {
+            fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+            write_file(&folder.join("diff.geojson"), document.as_bytes())?;
+            write_png(&folder.join("diff.png"), &figure(&before, &patches).into_picture())?;
+        }
+        let mut out = terminal.results();
+        if self.json {
+            out.write_all(document.as_bytes())?;
+            return Ok(Outcome::Fine);
+        }
+        for change in [Change::New, Change::Gone] {
+            let of_kind = patches.iter().filter(|patch| patch.change == change);
+            let area_m2 = of_kind.clone().fold(0.0, |sum, patch| sum + patch.area_m2);
+            writeln!(out, "{:<5} {:>4} patches  {area_m2:>8.2} m²", word(change), of_kind.count())?;
+        }
+        for patch in &patches {
+            let [x, y] = middle(patch);
+            writeln!(out, "  {:<5} {:>8.2} m²  around ({x:.2}, {y:.2})", word(patch.change), patch.area_m2)?;
+        }
+        Ok(Outcome::Fine)
+    }
+
+    /// Both maps, in the frame of the earlier one.
+    fn maps(&self) -> anyhow::Result<[Raster<Occupancy>; 2]> {
+        match [&self.before, &self.after].map(|path| is_session(path)) {
+            [true, true] => self.maps_of_sessions(),
+            [false, false] => Ok([read_map(&self.before)?, read_map(&self.after)?]),
+            [true, false] => Ok([Stored::load(&self.before)?.map(&self.before)?, read_map(&self.after)?]),
+            [false, true] => Ok([read_map(&self.before)?, Stored::load(&self.after)?.map(&self.after)?]),
+        }
+    }
+
+    fn maps_of_sessions(&self) -> anyhow::Result<[Raster<Occupancy>; 2]> {
+        let (before, after) = (Stored::load(&self.before)?, Stored::load(&self.after)?);
+        let earlier_frames = before.session.frames();
+        let stamps = |session: &Session| session.poses().iter().map(|pose| pose.stamp_s.to_bits()).collect::<Vec<_>>();
+        let goes_on =
+            stamps(&after.session).starts_with(&stamps(&before.session)) && after.session.frames() > earlier_frames;
+        let both = if goes_on {
+            after.session
+        } else {
+            let merged = Slam::resume(before.session, &before.config)
+                .and_then(|slam| slam.append(&after.session, &before.config))
+                .with_context(|| format!("cannot compare {} and {}", self.before.display(), self.after.display()))?;
+            let result = merged.finish();
+            let place = result.kidnappings.iter().find(|kidnapping| kidnapping.frame == earlier_frames);
+            if place.is_some_and(|kidnapping| kidnapping.found.is_none()) {
+                let (before, after) = (self.before.display(), self.after.display());
+                return Err(BadArguments(format!(
+                    "{after} was not recognised on {before}: how they lie to each other is not known"
+                ))
+                .into());
+            }
+            result.session
+        };
+        let drawn = |earlier: bool| {
+            drawn_of(&both, &before.config, |frame| (frame < earlier_frames) == earlier)
+                .to_raster()
+                .context("nothing was seen in one of the sessions")
+        };
+        Ok([drawn(true)?, drawn(false)?])
+    }
+}
+
+/// The map of some of a session's scans.
+fn drawn_of(session: &Session, config: &Config, is_wanted: impl Fn(usize) -> bool) -> OccupancyGrid {
+    let world_from_bodies = session.world_from_bodies();
+    let mut grid = OccupancyGrid::new(&config.map);
+    for scan in session.scans().iter().filter(|scan| scan.is_drawn && is_wanted(scan.frame)) {
+        grid.draw_scan(&world_from_bodies[scan.frame], &scan.points.unpack());
+    }
+    grid
+}
+
+fn is_session(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "gpkg")
+}
+
+fn word(change: Change) -> &'static str {
+    match change {
+        Change::New => "new",
+        Change::Gone => "gone",
+    }
+}
+
+/// The middle of the rectangle around a patch, metres.
+fn middle(patch: &ChangedPatch) -> [f64; 2] {
+    [0, 1].map(|axis| {
+        let values = || patch.outlines_m.iter().flatten().map(|corner| corner[axis]);
+        0.5 * (values().fold(f64::INFINITY, f64::min) + values().fold(f64::NEG_INFINITY, f64::max))
+    })
+}
+
+/// The patches as a feature collection; coordinates are metres in the map's frame. Each outline that runs
+/// counter-clockwise begins a polygon, those of holes follow the polygon that they lie in.
+fn geojson(patches: &[ChangedPatch]) -> serde_json::Value {
+    let features: Vec<_> = patches
+        .iter()
+        .map(|patch| {
+            let polygons: Vec<_> = polygons(&patch.outlines_m);
+            json!({
+                "type": "Feature",
+                "properties": { "change": word(patch.change), "area_m2": patch.area_m2 },
+                "geometry": { "type": "MultiPolygon", "coordinates": polygons },
+            })
+        })
+        .collect();
+    json!({ "type": "FeatureCollection", "features": features })
+}
+
+/// Outlines put together to polygons: an outer ring and its holes, each ring closed.
+fn polygons(outlines: &[Vec<[f64; 2]>]) -> Vec<Vec<Vec<[f64; 2]>>> {
+    let closed = |outline: &Vec<[f64; 2]>| outline.iter().chain(outline.first()).copied().collect::<Vec<_>>();
+    let area = |outline: &[[f64; 2]]| {
+        outline.iter().zip(outline.iter().cycle().skip(1)).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum::<f64>()
+    };
+    let mut polygons: Vec<Vec<Vec<[f64; 2]>>> =
+        outlines.iter().filter(|outline| area(outline) > 0.0).map(|outline| vec![closed(outline)]).collect();
+    for hole in outlines.iter().filter(|outline| area(outline) < 0.0) {
+        let lies_in = |polygon: &&mut Vec<Vec<[f64; 2]>>| {
+            let outer = floorprint::geometry::Polygon::new(polygon[0].clone());
+            // A little beside the corner: inside of the patch, to the left of the way along its edge.
+            let [start, end] = [hole[0], hole[1]];
+            let beside = [0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])];
+            outer.is_ok_and(|outer| outer.contains(beside))
+        };
+        if let Some(polygon) = polygons.iter_mut().find(lies_in) {
+            polygon.push(closed(hole));
+        }
+    }
+    polygons
+}
+
+/// The earlier map with what is new in green and what is gone in red.
+fn figure(before: &Raster<Occupancy>, patches: &[ChangedPatch]) -> Figure {
+    let mut figure = Figure::of_map(before);
+    for patch in patches {
+        let color = if patch.change == Change::New { NEW } else { GONE };
+        for outline in &patch.outlines_m {
+            figure.draw_line(outline.iter().chain(outline.first()).copied(), color, 3.0);
+        }
+    }
+    figure
+}

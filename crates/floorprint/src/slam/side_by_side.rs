@@ -1,0 +1,130 @@
+//! Frames, front end and back end each on a core of their own.
+//!
+//! The front end needs nothing of the back end, and a frame nothing of the front end: what one of them has done goes to
+//! the next through a channel, and the results are to the bit those of one after the other.
+
+use super::{Slam, SlamError, StepReport, Tracked, check, remember};
+use crate::frame::Frame;
+use crate::front_end::PreparedScan;
+use crate::profiler::{Phase, Profiler};
+use std::sync::mpsc::sync_channel;
+use std::thread;
+
+/// Frames that may wait between one and the next.
+const QUEUE: usize = 32;
+
+impl Slam {
+    /// Takes in up to `most` of the frames, which are made, tracked and mapped on three threads. `profilers` are told
+    /// what each of these is at, and when it is done with a frame.
+    ///
+    /// The reports are those that [`process`](Self::process) would give, one for each frame.
+    pub fn process_side_by_side(
+        &mut self,
+        frames: &mut (dyn Iterator<Item = Frame> + Send),
+        most: usize,
+        profilers: [&mut (dyn Profiler + Send); 3],
+    ) -> Vec<Result<StepReport, SlamError>> {
+        let Self { front_end, session, back_end, settled, .. } = self;
+        let [making, tracking, mapping] = profilers;
+        let thinning = front_end.thinning();
+        let (first, keeps_points) = (*settled, back_end.is_some());
+        let (made, to_track) = sync_channel::<(Frame, Option<PreparedScan>)>(QUEUE);
+        let (tracked, to_map) = sync_channel::<Result<Tracked, SlamError>>(QUEUE);
+        let (back_end, newly_settled) = (back_end.as_mut(), &mut *settled);
+        let reports = thread::scope(|scope| {
+            scope.spawn(move || {
+                for _ in 0..most {
+                    making.enter(Phase::Synchronise);
+                    let Some(frame) = frames.next() else { break };
+                    let prepared = thinning.as_ref().map(|thinning| PreparedScan::of(&frame.scan, thinning));
+                    making.end_of_frame();
+                    if made.send((frame, prepared)).is_err() {
+                        break;
+                    }
+                }
+            });
+            let mapper = scope.spawn(move || {
+                let (mut back_end, settled) = (back_end, newly_settled);
+                let mut reports = Vec::with_capacity(most);
+                for tracked in to_map {
+                    mapping.enter(Phase::LoopClosure);
+                    let report = tracked.map(|mut tracked| {
+                        let poses = std::mem::take(&mut tracked.poses);
+                        let poses_since = |frame: usize| poses[(frame - first).min(poses.len())..].to_vec();
+                        remember(tracked, poses_since, session, back_end.as_deref_mut(), settled)
+                    });
+                    reports.push(report);
+                    mapping.end_of_frame();
+                }
+                reports
+            });
+            for (frame, prepared) in to_track {
+                let outcome = check(&frame).map(|()| {
+                    let step = front_end.process(&frame, prepared, tracking);
+                    let mut tracked = Tracked::of(&frame, step, front_end, keeps_points);
+                    if tracked.key_scan.is_some() {
+                        tracked.poses = front_end.poses_since(first);
+                    }
+                    tracked
+                });
+                tracking.end_of_frame();
+                if tracked.send(outcome).is_err() {
+                    break;
+                }
+            }
+            drop(tracked);
+            mapper.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        });
+        self.front_end.forget_poses_before(self.settled);
+        reports
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+    use crate::geometry::Pose2;
+    use crate::profiler::NoProfiler;
+    use crate::scan_matcher::synthetic::{Walls, frame, poses_along};
+
+    /// Two laps through a room with odometry that errs; the scan of one frame is broken.
+    fn frames() -> Vec<Frame> {
+        let corners: Vec<[f64; 2]> =
+            (0..9).map(|k| [[-1.5, -1.0], [1.5, -1.0], [1.5, 1.0], [-1.5, 1.0]][k % 4]).collect();
+        let truth = poses_along(&corners, 0.12);
+        let odometry = |k: usize| {
+            let step = if k == 0 { Pose2::IDENTITY } else { truth[k - 1].between(&truth[k]) };
+            step.compose(&Pose2::new(0.004, -0.003, 0.002))
+        };
+        let room = Walls::room();
+        let mut frames: Vec<Frame> =
+            (0..truth.len()).map(|k| frame(k, Some(odometry(k)), room.scan_from(&truth[k], 181))).collect();
+        frames[40].scan.hits.x_m[3] = f32::NAN;
+        frames
+    }
+
+    #[test]
+    fn side_by_side_and_one_after_the_other_are_the_same() {
+        for particles in [1, 3] {
+            let mut config = Config::default();
+            config.filter.particles = particles;
+            let (mut one_by_one, mut side_by_side) = (Slam::new(&config), Slam::new(&config));
+            let expected: Vec<_> = frames().iter().map(|frame| one_by_one.process(frame)).collect();
+            let (mut frames, mut reports) = (frames().into_iter(), Vec::new());
+            loop {
+                let mut profilers = [NoProfiler; 3];
+                let more = side_by_side.process_side_by_side(&mut frames, 50, profilers.each_mut().map(|p| p as _));
+                if more.is_empty() {
+                    break;
+                }
+                reports.extend(more);
+            }
+            assert!(reports[40].is_err());
+            assert_eq!(reports, expected);
+            let (expected, result) = (one_by_one.finish(), side_by_side.finish());
+            assert_eq!(result.trajectory, expected.trajectory);
+            assert_eq!(result.map.to_raster().unwrap().cells, expected.map.to_raster().unwrap().cells);
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! Sessions: what is stored of a drive is enough to go on, to put drives together, and to change the map.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+mod simulation;
+
+use floorprint::config::Layer;
+use floorprint::geometry::{Polygon, Pose2};
+use floorprint::map::{Occupancy, Raster, difference};
+use floorprint::sensors::RobotConfig;
+use floorprint::session::{Region, Session};
+use floorprint::simulator::{SimulatedDrive, World, simulate};
+use floorprint::{Config, Frame, Frames, Slam, SlamResult};
+use simulation::quick;
+use std::f64::consts::FRAC_PI_2;
+
+struct Drive {
+    simulated: SimulatedDrive,
+    frames: Vec<Frame>,
+    config: Config,
+}
+
+impl Drive {
+    fn new(world: &str, seed: u64) -> Self {
+        let simulated = simulate(World::named(world, seed).unwrap(), quick(), seed).unwrap();
+        let config = Config::resolve(&[Layer::from_robot(&RobotConfig::ece276a())]).unwrap();
+        let records = simulated.records();
+        let frames = Frames::new(&records, &config).unwrap().iter().collect();
+        Self { simulated, frames, config }
+    }
+
+    fn solve(&self, frames: &[Frame]) -> SlamResult {
+        self.go_on(Slam::new(&self.config), frames)
+    }
+
+    fn go_on(&self, mut slam: Slam, frames: &[Frame]) -> SlamResult {
+        for frame in frames {
+            slam.process(frame).unwrap();
+        }
+        slam.finish()
+    }
+
+    /// The session as it comes back from where it was stored.
+    fn restored(&self, session: &Session) -> Session {
+        let state = session.state(&self.config.matcher);
+        Session::restore(state, session.poses().to_vec(), session.scans().to_vec()).unwrap()
+    }
+
+    /// The largest distance of a pose from the true one, metres; `true_start` is where the session's world begins.
+    fn largest_error_m(&self, result: &SlamResult, from_frame: usize) -> f64 {
+        let errors = result.trajectory[from_frame..]
+            .iter()
+            .map(|pose| self.simulated.true_pose(pose.stamp_s).between(&pose.pose).distance());
+        errors.fold(0.0, f64::max)
+    }
+}
+
+fn occupied(map: &Raster<Occupancy>, polygon: &Polygon) -> usize {
+    let cells = (0..map.cells.len()).filter(|&cell| map.cells[cell] == Occupancy::Occupied);
+    cells.filter(|&cell| polygon.contains(map.center_m(cell))).count()
+}
+
+#[test]
+fn what_is_stored_is_the_same_session() {
+    let drive = Drive::new("rooms", 1);
+    let result = drive.solve(&drive.frames);
+    let restored = drive.restored(&result.session);
+    assert_eq!(restored.trajectory(), result.trajectory);
+    assert_eq!(restored.map().to_raster(), result.map.to_raster());
+}
+
+#[test]
+fn a_drive_in_pieces_is_as_good_as_in_one_go() {
+    let drive = Drive::new("loop", 2);
+    let whole = drive.solve(&drive.frames);
+    let third = drive.frames.len() / 3;
+    let mut session: Option<Session> = None;
+    let mut pieces = None;
+    for frames in [&drive.frames[..third], &drive.frames[third..2 * third], &drive.frames[2 * third..]] {
+        let slam = match session.take() {
+            Some(session) => Slam::resume(session, &drive.config).unwrap(),
+            None => Slam::new(&drive.config),
+        };
+        let result = drive.go_on(slam, frames);
+        session = Some(drive.restored(&result.session));
+        pieces = Some(result);
+    }
+    let pieces = pieces.unwrap();
+    assert_eq!(pieces.trajectory.len(), drive.frames.len());
+    let (of_whole, of_pieces) = (drive.largest_error_m(&whole, 0), drive.largest_error_m(&pieces, 0));
+    assert!(of_pieces < of_whole + 0.02, "{of_pieces} m in pieces, {of_whole} m in one go");
+    assert!(pieces.kidnappings.is_empty(), "{:?}", pieces.kidnappings);
+}
+
+#[test]
+fn a_second_drive_finds_its_place_on_the_first() {
+    let drive = Drive::new("rooms", 3);
+    let middle = drive.frames.len() / 2;
+    let (first, second) = (drive.solve(&drive.frames[..middle]), drive.solve(&drive.frames[middle..]));
+    let slam = Slam::resume(drive.restored(&first.session), &drive.config).unwrap();
+    let merged = slam.append(&drive.restored(&second.session), &drive.config).unwrap().finish();
+    assert!(merged.kidnappings.iter().all(|kidnapping| kidnapping.found.is_some()), "{:?}", merged.kidnappings);
+    let error_m = drive.largest_error_m(&merged, middle);
+    assert!(error_m < 0.1, "{error_m} m");
+}
+
+#[test]
+fn drives_of_other_buildings_are_kept_apart() {
+    for (one, other) in [("rooms", "pillars"), ("corridors", "rooms"), ("loop", "corridors")] {
+        let (one, other) = (Drive::new(one, 1), Drive::new(other, 1));
+        let (first, second) = (one.solve(&one.frames), other.solve(&other.frames));
+        let slam = Slam::resume(first.session, &one.config).unwrap();
+        let merged = slam.append(&second.session, &one.config).unwrap().finish();
+        let apart = merged.kidnappings.iter().find(|kidnapping| kidnapping.frame == one.frames.len()).unwrap();
+        assert!(apart.found.is_none(), "{apart:?}");
+    }
+}
+
+#[test]
+fn what_is_erased_is_gone_and_the_rest_stays() {
+    let drive = Drive::new("rooms", 1);
+    let result = drive.solve(&drive.frames);
+    let before = result.session.map().to_raster().unwrap();
+    // A square metre around the first occupied cell of the middle row.
+    let middle = before.height / 2 * before.width;
+    let wall = (middle..).find(|&cell| before.cells[cell] == Occupancy::Occupied).unwrap();
+    let [x, y] = before.center_m(wall);
+    let square =
+        Polygon::new(vec![[x - 0.5, y - 0.5], [x + 0.5, y - 0.5], [x + 0.5, y + 0.5], [x - 0.5, y + 0.5]]).unwrap();
+    let matcher = &drive.config.matcher;
+
+    let erased = result.session.restricted_to(&Region::Outside(square.clone()), matcher).unwrap();
+    let map = erased.map().to_raster().unwrap();
+    // A cell at the rim may hold a hit beyond it.
+    let inner =
+        Polygon::new(square.corners_m().iter().map(|[cx, cy]| [x + 0.9 * (cx - x), y + 0.9 * (cy - y)]).collect());
+    assert!(occupied(&before, &square) > 10 && occupied(&map, &inner.unwrap()) == 0);
+    assert_eq!(erased.trajectory(), result.trajectory);
+    let changed = |before: &_, after: &_| difference(before, after, 0.1, 0.0);
+    let patches = changed(&before, &map);
+    let corners = patches.iter().flat_map(|patch| patch.outlines_m.iter().flatten());
+    assert!(corners.clone().all(|[cx, cy]| (cx - x).abs() < 0.6 && (cy - y).abs() < 0.6), "{patches:?}");
+    // Who goes on with it sees what stands there again.
+    let again = Slam::resume(drive.restored(&erased), &drive.config).unwrap().finish();
+    assert_eq!(again.trajectory.len(), result.trajectory.len());
+
+    let cropped = result.session.restricted_to(&Region::Inside(square.clone()), matcher).unwrap();
+    assert!(cropped.map().to_raster().is_none_or(|map| {
+        let all = (0..map.cells.len()).filter(|&cell| map.cells[cell] == Occupancy::Occupied);
+        all.count() <= occupied(&before, &square) + 10
+    }));
+}
+
+#[test]
+fn a_session_is_turned_to_its_walls_and_goes_on_turned() {
+    let drive = Drive::new("rooms", 1);
+    let middle = drive.frames.len() / 2;
+    let first = drive.solve(&drive.frames[..middle]).session;
+    let matcher = &drive.config.matcher;
+    let turn = Pose2::new(1.0, -2.0, 0.2);
+    let angle_rad = first.angle_to_walls(matcher).unwrap();
+    let moved = drive.restored(&first.clone().moved(&turn));
+    let quarters = (moved.angle_to_walls(matcher).unwrap() - (angle_rad - turn.theta)) / FRAC_PI_2;
+    assert!((quarters - quarters.round()).abs() < 1e-3, "{quarters} right angles");
+    let straight = first.clone().moved(&Pose2::new(0.0, 0.0, angle_rad));
+    assert!(straight.angle_to_walls(matcher).unwrap().abs() < 1e-3);
+    let mut slam = Slam::resume(moved, &drive.config).unwrap();
+    for frame in &drive.frames[middle..] {
+        let report = slam.process(frame).unwrap();
+        let true_pose = turn.compose(&drive.simulated.true_pose(frame.stamp_s));
+        assert!(true_pose.between(&report.pose).distance() < 0.2, "{report:?}");
+    }
+    let result = slam.finish();
+    let last = result.trajectory.last().unwrap();
+    let true_pose = turn.compose(&drive.simulated.true_pose(last.stamp_s));
+    assert!(true_pose.between(&last.pose).distance() < 0.1);
+}
