@@ -8,6 +8,7 @@ mod evaluate;
 mod figure;
 mod info;
 mod interrupt;
+mod localize;
 mod map;
 mod number;
 mod optimize;
@@ -52,6 +53,7 @@ enum Command {
     Demo(demo::Arguments),
     Run(run::Arguments),
     Replay(replay::Arguments),
+    Localize(localize::Arguments),
     Simulate(simulate::Arguments),
     #[command(subcommand)]
     Evaluate(evaluate::Command),
@@ -80,6 +82,7 @@ impl Command {
             Self::Demo(arguments) => demo::execute(arguments, terminal),
             Self::Run(arguments) => run::execute(arguments, terminal),
             Self::Replay(arguments) => replay::execute(arguments, terminal),
+            Self::Localize(arguments) => localize::execute(arguments, terminal),
             Self::Simulate(arguments) => simulate::execute(arguments, terminal),
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),

@@ -5,7 +5,7 @@ pub(crate) mod chart;
 mod contradiction;
 mod kidnapped;
 mod loops;
-mod page;
+pub(crate) mod page;
 
 pub(crate) use page::{Exhibits, page};
 
@@ -82,7 +82,7 @@ pub(crate) struct Made {
 
 impl Made {
     /// Now, by this process.
-    fn now() -> Self {
+    pub(crate) fn now() -> Self {
         let is_plain = |word: &str| {
             !word.is_empty() && word.chars().all(|c| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c))
         };

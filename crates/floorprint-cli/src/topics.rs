@@ -22,6 +22,11 @@ pub(crate) struct Topics {
 }
 
 impl Topics {
+    /// A choice of scans, odometry and base; the truth is given otherwise.
+    pub(crate) fn without_truth(scan: Vec<String>, odom: Option<String>, base: Option<String>) -> Self {
+        Self { scan, odom, truth: None, base }
+    }
+
     /// How a data set is to be opened.
     pub(crate) fn open_options(&self, drive: Option<u32>, max_expansion: Option<f64>) -> OpenOptions {
         OpenOptions {

@@ -16,13 +16,15 @@ pub enum Contents {
     Run,
     /// A simulated drive with its truth.
     Simulation,
+    /// A robot followed in a finished map.
+    Localization,
 }
 
 impl Contents {
     /// The file by which such a folder is known; it is written last.
     fn mark(self) -> &'static str {
         match self {
-            Self::Run => "report.json",
+            Self::Run | Self::Localization => "report.json",
             Self::Simulation => "simulation.json",
         }
     }
@@ -33,6 +35,7 @@ impl Contents {
         match self {
             Self::Run => "results of floorprint run",
             Self::Simulation => "a simulated drive in the layout of ECE276A, with its truth",
+            Self::Localization => "results of floorprint localize",
         }
     }
 
@@ -41,6 +44,7 @@ impl Contents {
         match self {
             Self::Run => "run",
             Self::Simulation => "simulation",
+            Self::Localization => "localization",
         }
     }
 
@@ -77,6 +81,7 @@ impl Contents {
                 "truth_texture.json",
                 "truth_texture.png",
             ],
+            Self::Localization => &["report.html", "trajectory.tum", "localization.png", "config.toml"],
         }
     }
 

@@ -17,6 +17,7 @@ pub use preset::Preset;
 
 use crate::back_end::LoopClosureConfig;
 use crate::front_end::{FilterConfig, GrisettiConfig};
+use crate::localization::LocalizationConfig;
 use crate::map::MapConfig;
 use crate::motion_model::MotionConfig;
 use crate::odometry::{OdometryConfig, ScanConfig};
@@ -51,6 +52,8 @@ pub struct Config {
     pub grisetti: GrisettiConfig,
     /// Closing loops.
     pub loop_closure: LoopClosureConfig,
+    /// Localization in a finished map.
+    pub localization: LocalizationConfig,
     /// The floor texture.
     pub texture: TextureConfig,
 }

@@ -15,6 +15,7 @@ pub mod front_end;
 pub mod geometry;
 mod ids;
 mod key_scan;
+pub mod localization;
 pub mod map;
 pub mod motion_model;
 pub mod odometry;

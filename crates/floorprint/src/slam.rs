@@ -340,7 +340,7 @@ fn remember(
     }
 }
 
-fn check(frame: &Frame) -> Result<(), SlamError> {
+pub(crate) fn check(frame: &Frame) -> Result<(), SlamError> {
     let points = &frame.scan.hits;
     let scan_is_finite = points.x_m.iter().chain(&points.y_m).all(|coordinate| coordinate.is_finite());
     if !scan_is_finite || frame.motion.is_some_and(|motion| !motion.is_finite()) {

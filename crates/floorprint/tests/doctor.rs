@@ -188,7 +188,7 @@ fn odometry_with_wrong_signs_units_and_scales_is_named() {
 
 #[test]
 fn a_lidar_that_is_mounted_otherwise_is_named() {
-    for off_rad in [0.2_f64, 1.5708, 3.0] {
+    for off_rad in [0.2, std::f64::consts::FRAC_PI_2, 3.0] {
         let turned = scans_changed(&with_odometry(), |scan| {
             let angles_rad = scan.geometry.angles_rad.iter().map(|angle| angle - off_rad).collect();
             scan.geometry = Arc::new(ScanGeometry { angles_rad, ..(*scan.geometry).clone() });

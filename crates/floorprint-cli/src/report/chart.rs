@@ -26,7 +26,7 @@ pub(crate) struct Chart<'a> {
 
 impl Chart<'_> {
     /// The chart over seconds as a `<figure>` with what it means; empty when there is nothing to draw.
-    pub(super) fn to_html(&self, meaning: &str) -> String {
+    pub(crate) fn to_html(&self, meaning: &str) -> String {
         let title = self.title;
         self.to_svg("s", None).map_or(String::new(), |svg| {
             format!(r#"<figure class="chart"><figcaption>{title}</figcaption>{svg}<p class="caption">{meaning}</p></figure>"#)

@@ -78,7 +78,7 @@ pub(crate) fn page(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, p
 }
 
 /// The poses that the page can name: seconds since the first, x, y (metres), heading (degrees) and stamp.
-fn poses(trajectory: &[StampedPose]) -> String {
+pub(crate) fn poses(trajectory: &[StampedPose]) -> String {
     let start_s = trajectory.first().map_or(0.0, |first| first.stamp_s);
     let every = trajectory.len().div_ceil(POSES_NAMED).max(1);
     let pose = |StampedPose { stamp_s, pose }: &StampedPose| {
@@ -473,7 +473,7 @@ fn odometry_name(source: OdometrySource) -> &'static str {
 }
 
 /// A part of the world, drawn in metres with y upwards.
-struct View {
+pub(crate) struct View {
     low_m: [f64; 2],
     high_m: [f64; 2],
 }
@@ -482,7 +482,7 @@ impl View {
     /// A view with some air around of the map's walls and the trajectories. Single far returns
     /// and a dead reckoning that runs off must not shrink the map to a spot: walls count but for
     /// the outermost few, trajectories up to a little beyond them.
-    fn around(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
+    pub(crate) fn around(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
         const OUTERMOST_SHARE: f64 = 0.004;
         let occupied = || (0..map.cells.len()).filter(|index| map.cells[*index] == Occupancy::Occupied);
         let (mut low_m, mut high_m) = ([0.0; 2], [0.0; 2]);
@@ -506,12 +506,12 @@ impl View {
         Self { low_m: low_m.map(|low| low - air_m), high_m: high_m.map(|high| high + air_m) }
     }
 
-    fn longest_m(&self) -> f64 {
+    pub(crate) fn longest_m(&self) -> f64 {
         (self.high_m[0] - self.low_m[0]).max(self.high_m[1] - self.low_m[1])
     }
 
     /// All that is drawn, however far off.
-    fn of_all(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
+    pub(crate) fn of_all(trajectories: &[&[StampedPose]], map: &Raster<Occupancy>) -> Self {
         let mut view = Self::around(&[], map);
         for StampedPose { pose, .. } in trajectories.iter().copied().flatten() {
             for (axis, position) in [pose.x, pose.y].into_iter().enumerate() {
@@ -530,7 +530,7 @@ impl View {
     }
 
     /// A plan with its buttons, scale bar and read-out, which the page's script fills; `all` is what a button shows.
-    fn plan(&self, class: &str, label: &str, content: &str, all: Option<&Self>) -> String {
+    pub(crate) fn plan(&self, class: &str, label: &str, content: &str, all: Option<&Self>) -> String {
         let everything = all.map_or(String::new(), |all| format!(" data-all=\"{}\"", all.view_box()));
         let button = all.map_or("", |_| "<button type=\"button\" name=\"all\">everything</button>");
         format!(
@@ -544,7 +544,7 @@ impl View {
         )
     }
 
-    fn image(
+    pub(crate) fn image(
         &self,
         class: &str,
         origin_m: [f64; 2],
@@ -564,7 +564,7 @@ impl View {
     }
 
     /// A trajectory as a path; points nearer to each other than can be seen are left out.
-    fn path(&self, class: &str, poses: &[StampedPose]) -> String {
+    pub(crate) fn path(&self, class: &str, poses: &[StampedPose]) -> String {
         let least_m = self.longest_m() / 2000.0;
         let mut data = String::new();
         let mut last: Option<[f64; 2]> = None;
@@ -580,7 +580,7 @@ impl View {
     }
 
     /// Straight lines, each between two poses.
-    fn segments<'a>(&self, class: &str, ends: impl Iterator<Item = [&'a StampedPose; 2]>) -> String {
+    pub(crate) fn segments<'a>(&self, class: &str, ends: impl Iterator<Item = [&'a StampedPose; 2]>) -> String {
         let mut data = String::new();
         for [from, to] in ends {
             let _ = write!(data, "M{:.3} {:.3}L{:.3} {:.3}", from.pose.x, -from.pose.y, to.pose.x, -to.pose.y);
@@ -589,14 +589,14 @@ impl View {
     }
 
     /// The same view with room for a scale bar at the bottom.
-    fn with_room_for_scale_bar(mut self) -> Self {
+    pub(crate) fn with_room_for_scale_bar(mut self) -> Self {
         self.low_m[1] -= 0.05 * self.longest_m();
         self
     }
 }
 
 /// A ring where the drive begins and a dot where it ends, of the same size at any zoom.
-fn ends(poses: &[StampedPose]) -> String {
+pub(crate) fn ends(poses: &[StampedPose]) -> String {
     let dot = |class: &str, stamped: Option<&StampedPose>| {
         stamped.map_or(String::new(), |StampedPose { pose, .. }| {
             ["", " inner"]
@@ -610,7 +610,7 @@ fn ends(poses: &[StampedPose]) -> String {
 }
 
 /// The map as a small PNG, one pixel a cell.
-fn map_png(map: &Raster<Occupancy>) -> Result<Vec<u8>, png::EncodingError> {
+pub(crate) fn map_png(map: &Raster<Occupancy>) -> Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let length = |cells: usize| u32::try_from(cells).unwrap_or(0);
     let mut encoder = png::Encoder::new(&mut bytes, length(map.width), length(map.height));
@@ -635,6 +635,6 @@ fn map_png(map: &Raster<Occupancy>) -> Result<Vec<u8>, png::EncodingError> {
 }
 
 /// Text that is safe between tags and in attributes.
-fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

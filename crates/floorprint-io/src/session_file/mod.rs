@@ -79,11 +79,23 @@ impl SessionFile {
     /// # Errors
     /// When it is not there, or is no session of this version or an earlier one.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
+        Self::open_with(path, OpenFlags::SQLITE_OPEN_READ_WRITE)
+    }
+
+    /// The session in the file of an earlier drive, which is not changed.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open) and [`load`](Self::load).
+    pub fn read(path: &Path) -> Result<Session, ReadError> {
+        Self::open_with(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?.load()
+    }
+
+    fn open_with(path: &Path, access: OpenFlags) -> Result<Self, ReadError> {
         if !path.is_file() {
             let found = if path.exists() { "no file" } else { "there is nothing" };
             return Err(Problem::new(path, found).expected("the session.gpkg of a run").into());
         }
-        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let flags = access | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let format = |connection: &Connection| -> rusqlite::Result<Option<String>> {
             connection.pragma_update(None, "trusted_schema", false)?;
             connection

@@ -22,7 +22,7 @@ pub struct PoseBelief {
 
 impl PoseBelief {
     /// A pose's offset from the mean over (x, y, θ).
-    fn offset(&self, pose: &Pose2) -> Vector3<f64> {
+    pub(crate) fn offset(&self, pose: &Pose2) -> Vector3<f64> {
         Vector3::new(pose.x - self.pose.x, pose.y - self.pose.y, wrap_angle(pose.theta - self.pose.theta))
     }
 
