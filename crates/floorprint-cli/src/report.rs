@@ -1,5 +1,6 @@
 //! `report.json`: what a run was, what it found, how good that is, what it cost.
 
+mod certainty;
 pub(crate) mod chart;
 mod contradiction;
 mod kidnapped;
@@ -8,6 +9,7 @@ mod page;
 
 pub(crate) use page::{Exhibits, page};
 
+use self::certainty::Certainty;
 use self::contradiction::Contradiction;
 use self::kidnapped::Kidnapped;
 pub(crate) use self::loops::Loops;
@@ -46,6 +48,9 @@ pub(crate) struct Report {
     /// Loop closures; absent when none were looked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) loops: Option<Loops>,
+    /// How certain the poses are; absent where loops are not closed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) uncertain: Option<Certainty>,
     /// Where the robot was carried elsewhere; absent when it was not.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(crate) kidnappings: Vec<Kidnapped>,
@@ -233,6 +238,7 @@ impl Report {
             drive: Drive::new(solution),
             filter: FilterSummary::new(config, solution),
             loops: config.loop_closure.enabled.then(|| Loops::new(&solution.closures, &solution.trajectory)),
+            uncertain: Certainty::of(&solution.uncertainties, &solution.trajectory),
             kidnappings: Kidnapped::all(&solution.kidnappings, &solution.trajectory),
             map: MapSummary::new(map),
             texture: solution.floor.as_ref().map(|floor| TextureSummary {

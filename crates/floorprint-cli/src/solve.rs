@@ -6,7 +6,7 @@ use crate::snapshots::Snapshots;
 use crate::stopwatch::{Lane, ScanTimes, Stopwatch};
 use crate::terminal::Terminal;
 use anyhow::{anyhow, ensure};
-use floorprint::back_end::{ClosureReport, Kidnapping};
+use floorprint::back_end::{ClosureReport, Kidnapping, Uncertainty};
 use floorprint::geometry::Pose2;
 use floorprint::map::OccupancyGrid;
 use floorprint::odometry::{DeadReckoning, OdometryError, SynchronisationSummary, Trajectory};
@@ -30,6 +30,8 @@ pub(crate) struct Solution {
     pub(crate) odometry: Vec<StampedPose>,
     /// Every comparison of places that were passed more than once.
     pub(crate) closures: Vec<ClosureReport>,
+    /// How uncertain each pose is; empty where nothing is known of it.
+    pub(crate) uncertainties: Vec<Uncertainty>,
     /// Where the robot was carried elsewhere.
     pub(crate) kidnappings: Vec<Kidnapping>,
     /// The pose graph of the submaps, where loops were closed.
@@ -243,6 +245,7 @@ pub(crate) fn solve(
         },
         trajectory: result.trajectory,
         closures: result.closures,
+        uncertainties: result.uncertainties,
         kidnappings: result.kidnappings,
         graph: result.graph,
         odometry_scale,

@@ -75,6 +75,9 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
     if let Some(loops) = &report.loops {
         line("loops", format!("{} closed, {} rejected", loops.closed, loops.rejected))?;
     }
+    if let Some(uncertain) = &report.uncertain {
+        line("uncertain", uncertain.in_words())?;
+    }
     for kidnapped in &report.kidnappings {
         line("robot", kidnapped.in_words())?;
     }

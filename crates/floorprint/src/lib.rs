@@ -36,6 +36,6 @@ pub use config::Config;
 pub use frame::{BodyScan, Frame, Points};
 pub use frames::{Frames, Pass};
 pub use ids::SensorId;
-pub use key_scan::{Interruption, KeyScan};
+pub use key_scan::{Drift, Interruption, KeyScan};
 pub use profiler::{NoProfiler, Phase, Profiler};
 pub use slam::{Slam, SlamError, SlamResult, StepReport};

@@ -8,7 +8,7 @@ use crate::config::Config;
 use crate::frame::Frame;
 use crate::front_end::{FilterStep, FrontEnd, FrontEndState, ParticleFilter};
 use crate::geometry::Pose2;
-use crate::key_scan::{Interruption, KeyScan};
+use crate::key_scan::{Drift, Interruption, KeyScan};
 use crate::map::OccupancyGrid;
 use crate::pose_graph::PoseGraph;
 use crate::profiler::{NoProfiler, Phase, Profiler};
@@ -163,6 +163,7 @@ impl Slam {
                 frame: offset + scan.frame,
                 pose: poses[offset + scan.frame],
                 covariance: Matrix3::zeros(),
+                drift: Drift::default(),
                 scan: Arc::new(SurfaceScan::new(&scan.points.unpack(), &thinning)),
                 points: scan.points.clone(),
                 interruption: interruption.take(),
@@ -333,7 +334,8 @@ fn remember(
         world_from_odom,
         pose: world_from_odom.compose(&step.pose),
         is_lost: places.is_some_and(PlaceGraph::is_lost),
-        uncertainty: places.map(|places| places.uncertainty().and(&Uncertainty::of(&step.covariance))),
+        uncertainty: places
+            .map(|places| places.uncertainty().and(&Uncertainty::of(&step.covariance)).after(&step.drift)),
         filter: step,
     }
 }

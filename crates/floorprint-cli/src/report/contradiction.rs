@@ -58,6 +58,7 @@ mod tests {
                 resampled: false,
                 odometry_rejected,
                 covariance: Default::default(),
+                drift: Default::default(),
             },
         };
         let steps: Vec<_> = (0..12).map(|index| step(index, [2, 4, 5, 9].contains(&index))).collect();

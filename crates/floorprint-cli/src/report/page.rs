@@ -245,11 +245,15 @@ fn floor_section(report: &Report, exhibits: &Exhibits<'_>) -> String {
 }
 
 fn kidnappings(report: &Report) -> String {
+    let uncertain = report.uncertain.as_ref().map_or(String::new(), |uncertain| {
+        let words = escape(&uncertain.in_words());
+        format!("<section class=\"card\"><h2>How uncertain the poses are</h2><p>{words}</p></section>\n")
+    });
     if report.kidnappings.is_empty() {
-        return String::new();
+        return uncertain;
     }
     let items: String = report.kidnappings.iter().map(|at| format!("<li>{}</li>", escape(&at.in_words()))).collect();
-    format!("<section class=\"card\"><h2>Robot carried elsewhere</h2><ul>{items}</ul></section>\n")
+    format!("{uncertain}<section class=\"card\"><h2>Robot carried elsewhere</h2><ul>{items}</ul></section>\n")
 }
 
 fn loops_and_contradictions(report: &Report) -> String {

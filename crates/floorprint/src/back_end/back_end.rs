@@ -36,6 +36,8 @@ const SAME_EXPECTATION_M: f64 = 0.2;
 const SAME_EXPECTATION_RAD: f64 = 0.04;
 /// A robot that was kidnapped is looked for on so many submaps.
 const MOST_WHEN_LOST: usize = 60;
+/// … and on so many at least, however many submaps are waiting.
+const LEAST_WHEN_LOST: usize = 4;
 /// A submap is known when less than this share of it lies on no older one.
 const NEW_SHARE: f64 = 0.3;
 /// The newest submaps are kept even when they are known.
@@ -147,11 +149,13 @@ impl BackEnd {
         chosen.truncate(self.config.candidates);
         elsewhere.reverse();
         let mut elsewhere = apart(elsewhere.into_iter());
-        // Of a large map each submap is looked for on another part.
-        if elsewhere.len() > MOST_WHEN_LOST {
-            let from = newest * MOST_WHEN_LOST % elsewhere.len();
+        // Of a large map each submap is looked for on another part; on less of it, if others are waiting.
+        let waiting = places.submaps.len() - places.taken;
+        let most = (MOST_WHEN_LOST / (1 + waiting)).max(LEAST_WHEN_LOST);
+        if elsewhere.len() > most {
+            let from = newest * most % elsewhere.len();
             elsewhere.rotate_left(from);
-            elsewhere.truncate(MOST_WHEN_LOST);
+            elsewhere.truncate(most);
         }
         chosen.extend(elsewhere);
         chosen

@@ -182,7 +182,7 @@ impl PlaceGraph {
     #[must_use]
     pub fn uncertainty(&self) -> Uncertainty {
         let newest = self.in_the_world.last().copied().unwrap_or_default();
-        newest.and(&Uncertainty::of(self.builder.covariance()))
+        newest.and(&Uncertainty::of(self.builder.covariance())).after(self.builder.drift())
     }
 
     /// How uncertain each of the first `frames` poses of the drive is in the world: as much as the less certain one
@@ -205,7 +205,7 @@ impl PlaceGraph {
 
     /// Learns anew how uncertain the heaviest hypothesis is.
     pub(super) fn learn_uncertainty(&mut self) {
-        self.in_the_world = self.hypotheses[0].uncertainties_in_the_world();
+        self.in_the_world = self.hypotheses[0].uncertainties_in_the_world(&self.submaps);
     }
 
     /// The drive as the heaviest hypothesis has it now.

@@ -2,7 +2,7 @@
 
 use crate::geometry::Pose2;
 use crate::geometry::covariance::in_frame_of;
-use crate::key_scan::{Interruption, KeyScan};
+use crate::key_scan::{Drift, Interruption, KeyScan};
 use crate::surface::SurfaceScan;
 use crate::surface::{Horizon, SurfaceMap};
 use nalgebra::Matrix3;
@@ -51,6 +51,9 @@ pub struct Link {
     pub previous_from_submap: Pose2,
     /// What the matches on the way leave in uncertainty, over (x, y, θ) in the axes of the newer submap.
     pub covariance: Matrix3<f64>,
+    /// By how much the motion may be off beyond that.
+    #[serde(default)]
+    pub drift: Drift,
     /// Length of the path, metres.
     pub path_m: f64,
 }
@@ -69,13 +72,25 @@ pub struct SubmapBuilder {
     link: Option<Link>,
     /// Sum of the covariances since the first of them.
     covariance: Matrix3<f64>,
+    /// Sum of the drift since then.
+    #[serde(default)]
+    drift: Drift,
 }
 
 impl SubmapBuilder {
     /// Submaps of `length_m` of path, with surfaces kept in cells of `cell_m`; metres.
     #[must_use]
     pub fn new(length_m: f64, cell_m: f64) -> Self {
-        Self { length_m, cell_m, open: Vec::new(), start_m: 0.0, path_m: 0.0, link: None, covariance: Matrix3::zeros() }
+        Self {
+            length_m,
+            cell_m,
+            open: Vec::new(),
+            start_m: 0.0,
+            path_m: 0.0,
+            link: None,
+            covariance: Matrix3::zeros(),
+            drift: Drift::default(),
+        }
     }
 
     /// Takes the next key scan; gives the submap that ends before it.
@@ -86,6 +101,7 @@ impl SubmapBuilder {
         let step_m = self.open.last().map_or(0.0, |last| last.pose.between(&key_scan.pose).distance());
         self.path_m += step_m;
         self.covariance += key_scan.covariance;
+        self.drift.add(&key_scan.drift);
         let ends = key_scan.interruption.is_some() || self.path_m - self.start_m > self.length_m;
         if self.open.is_empty() || !ends {
             self.open.push(key_scan);
@@ -102,6 +118,7 @@ impl SubmapBuilder {
         let submap = self.close()?;
         self.link = Some(Link {
             previous_from_submap: submap.front_end_from_submap.between(&next.pose),
+            drift: std::mem::take(&mut self.drift),
             covariance: in_frame_of(&std::mem::take(&mut self.covariance), &next.pose),
             path_m: (self.path_m - self.start_m).max(start_m - self.start_m),
         });
@@ -119,6 +136,11 @@ impl SubmapBuilder {
     /// Covariance of the motion since the first key scan of the submap in the making.
     pub(super) fn covariance(&self) -> &Matrix3<f64> {
         &self.covariance
+    }
+
+    /// By how much that motion may be off beyond it.
+    pub(super) fn drift(&self) -> &Drift {
+        &self.drift
     }
 
     /// Side of the cells in which surfaces are kept, metres.

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::CompactScan;
 use crate::geometry::Pose2;
-use crate::key_scan::KeyScan;
+use crate::key_scan::{Drift, KeyScan};
 use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
 use crate::scan_matcher::synthetic::{Walls, poses_along};
@@ -22,6 +22,7 @@ fn key_scans(walls: &Walls, truth: &[Pose2], poses: &[Pose2]) -> Vec<KeyScan> {
         frame: position,
         pose: *pose,
         covariance: Matrix3::identity() * 1e-8,
+        drift: Drift::default(),
         scan: Arc::new(SurfaceScan::new(&walls.scan_from(truth, 361), &Thinning::default())),
         points: CompactScan::default(),
         interruption: None,
@@ -442,6 +443,7 @@ fn bare(poses: &[Pose2]) -> Vec<KeyScan> {
         frame: position,
         pose: *pose,
         covariance: Matrix3::zeros(),
+        drift: Drift::default(),
         scan: Arc::clone(&scan),
         points: CompactScan::default(),
         interruption: None,

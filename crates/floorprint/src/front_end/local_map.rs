@@ -36,6 +36,11 @@ impl LocalMap {
         self.written.back().map(|(pose, scan)| (pose, scan.as_ref()))
     }
 
+    /// How many scans it is made of, where they are kept.
+    pub(super) fn scans(&self) -> usize {
+        self.written.len()
+    }
+
     /// The poses of the scans that it is made of, the oldest first.
     pub(super) fn poses(&self) -> impl Iterator<Item = Pose2> {
         self.written.iter().map(|(pose, _)| *pose)

@@ -10,15 +10,27 @@ use serde::{Deserialize, Serialize};
 
 /// A scan of which less than this share lies on the map does not fit it …
 const LOST_INLIER_SHARE: f64 = 0.55;
-/// … if it has at least this many points; the robot is lost when so many scans in a row do not fit. On
-/// recorded drives single scans fit by 0.52 at the least.
-const LEAST_POINTS: usize = 30;
+/// … if it has at least this share of the points that a scan may have, within bounds; the robot is lost when so many scans in
+/// a row do not fit.
+const LEAST_POINTS_SHARE: f64 = 0.1;
+const LEAST_POINTS: [usize; 2] = [12, 30];
 const MISFITS_BEFORE_LOSS: usize = 3;
-/// Nor does one that suddenly lies on the map by this much less. Either contradicts the map only if, of what it and the
-/// last scan in the map both had in view, this share is missing: people and doors come to less, or come little by
-/// little, and who turns sees new things.
+/// Nor does one that suddenly lies on the map by this much less.
 const SUDDEN_LOSS: f64 = 0.28;
+/// Among trees and crowds less fits at times, and nothing has happened: what is this many standard deviations below the mean
+/// of the drive so far is not ordinary.
+const EXTRAORDINARY: f64 = 2.5;
+/// Share of the newest scan in that mean.
+const NEWEST: f64 = 0.05;
+/// Either contradicts the map only if, of what it and the last scan in the map both had in view, this share is missing: of what the scan shows where nothing was, and of what it looks through. People and doors come to less, come
+/// little by little, or only add to what was there; and who turns sees new things.
 const MISSING_SHARE: f64 = 0.25;
+/// So much at least of what it looks through must have been there.
+const LEAST_GONE_SHARE: f64 = 0.1;
+/// Where the last scan had its surfaces too far off to be looked through, so much of the new one must be where nothing was.
+const MISSING_SHARE_ONE_WAY: f64 = 0.5;
+/// A map of fewer scans than this says little about what is to be seen: a robot that has just begun sees new things.
+const MATURE_SCANS: usize = 6;
 
 /// What a scan says about where the robot is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,6 +52,11 @@ pub(super) struct LossDetector {
     is_certain: bool,
     /// Share of the last scan that fitted which lay on the map.
     usual_inlier_share: f64,
+    /// Mean and variance of that share over the drive.
+    #[serde(default)]
+    mean_share: f64,
+    #[serde(default)]
+    variance: f64,
 }
 
 impl LossDetector {
@@ -51,8 +68,14 @@ impl LossDetector {
         map: &LocalMap,
         matcher: &MatcherConfig,
     ) -> Sighting {
-        let fit = fit.filter(|_| scan.len() >= LEAST_POINTS);
+        let fit = fit.filter(|_| scan.len() >= least_points(matcher) && map.scans() >= MATURE_SCANS);
         let is_contradicted = fit.map_or(Some(false), |fit| self.is_contradicted_by(scan, fit, map, matcher));
+        if let Some(fit) = fit {
+            let off = fit.inlier_share - self.mean_share;
+            let is_first = self.mean_share == 0.0;
+            self.mean_share += if is_first { off } else { NEWEST * off };
+            self.variance += if is_first { 0.0 } else { NEWEST * (off * off - self.variance) };
+        }
         // Scans of which nothing can be told leave it at what those before said.
         let Some(fit) = fit.filter(|_| is_contradicted.unwrap_or(self.misfits > 0)) else {
             self.usual_inlier_share = fit.map_or(0.0, |fit| fit.inlier_share);
@@ -68,6 +91,12 @@ impl LossDetector {
         Sighting::Lost { scans: std::mem::take(&mut self.misfits), is_certain: self.is_certain }
     }
 
+    /// The robot may be anywhere: of what went before nothing counts.
+    pub(super) fn lose(&mut self) -> Sighting {
+        self.usual_inlier_share = 0.0;
+        Sighting::Lost { scans: 1 + std::mem::take(&mut self.misfits), is_certain: false }
+    }
+
     /// Whether a scan shows that the robot is not where it was matched: little of it lies on the map there, or
     /// suddenly less than before, and of what it and the last scan in the map both had in view much is missing. A
     /// robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits that is
@@ -79,19 +108,31 @@ impl LossDetector {
         map: &LocalMap,
         matcher: &MatcherConfig,
     ) -> Option<bool> {
-        let is_usual = fit.inlier_share >= LOST_INLIER_SHARE.max(self.usual_inlier_share - SUDDEN_LOSS);
+        let ordinary = self.mean_share - EXTRAORDINARY * self.variance.sqrt();
+        let is_usual = fit.inlier_share >= LOST_INLIER_SHARE.max(self.usual_inlier_share - SUDDEN_LOSS).min(ordinary);
         let Some((last_pose, last)) = map.last().filter(|_| !is_usual) else { return Some(false) };
         let pose = &fit.belief.pose;
         let here = scan.in_view_of(pose, last, last_pose);
         let there = last.in_view_of(last_pose, scan, pose);
-        let points = here.len() + there.len();
-        if points < 2 * LEAST_POINTS {
+        if here.len() + there.len() < 2 * least_points(matcher) {
             return None;
+        }
+        let is_new = here.len() as f64 * (1.0 - inlier_share(map.surfaces(), &here, pose, matcher));
+        if there.len() < least_points(matcher) {
+            return Some(is_new > MISSING_SHARE_ONE_WAY * here.len() as f64);
         }
         let mut of_scan = SurfaceMap::new(matcher.cell_m);
         of_scan.add_scan(pose, scan);
-        let found = here.len() as f64 * inlier_share(map.surfaces(), &here, pose, matcher)
-            + there.len() as f64 * inlier_share(&of_scan, &there, last_pose, matcher);
-        Some(found < (1.0 - MISSING_SHARE) * points as f64)
+        let is_gone = there.len() as f64 * (1.0 - inlier_share(&of_scan, &there, last_pose, matcher));
+        Some(
+            is_new + is_gone > MISSING_SHARE * (here.len() + there.len()) as f64
+                && is_gone > LEAST_GONE_SHARE * there.len() as f64,
+        )
     }
+}
+
+/// Fewer points than this say nothing.
+fn least_points(matcher: &MatcherConfig) -> usize {
+    let [least, most] = LEAST_POINTS;
+    ((LEAST_POINTS_SHARE * matcher.max_points as f64) as usize).clamp(least, most)
 }

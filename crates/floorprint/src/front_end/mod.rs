@@ -21,6 +21,7 @@ mod report;
 mod resampler;
 mod shared_map;
 mod tracker;
+mod unseen_motion;
 mod weights;
 
 pub use config::{AdaptiveConfig, FilterConfig, FilterKind, ResamplerKind};

@@ -7,6 +7,7 @@ use super::odometry_model::OdometryModel;
 use super::pace::{Pace, is_gap};
 use super::resampler::resample_poses;
 use super::tracker::{Fit, Tracker, blunder};
+use super::unseen_motion::{Step, UnseenMotion};
 use super::weights::{effective_number, heaviest, normalise};
 use super::{FilterConfig, FilterStep, PreparedScan};
 use crate::Config;
@@ -51,6 +52,8 @@ pub struct ParticleFilter {
     covariance: Matrix3<f64>,
     /// Whether one of the matches since may have been wrong.
     is_doubtful: bool,
+    /// What the best particle's scans do not show of its motion.
+    unseen: UnseenMotion,
     /// How fast scans follow each other.
     pace: Pace,
     /// Whether a new drive begins with the next scan.
@@ -73,6 +76,8 @@ pub struct FrontEndState {
     covariance: Matrix3<f64>,
     is_doubtful: bool,
     is_interrupted: bool,
+    #[serde(default)]
+    unseen: UnseenMotion,
     pace: Pace,
 }
 
@@ -116,6 +121,7 @@ impl ParticleFilter {
             covariance: Matrix3::zeros(),
             is_doubtful: false,
             is_interrupted: false,
+            unseen: UnseenMotion::default(),
             pace: Pace::default(),
             steps: 0,
         }
@@ -152,7 +158,7 @@ impl ParticleFilter {
         let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
         let steps = self.pace.steps(frame.elapsed_s);
         let fits = self.predict_and_match(motion.as_ref(), steps, &scan);
-        let sighting = self.notice_loss(&scan, &fits);
+        let sighting = self.notice_loss(&scan, &fits, is_gap(steps));
         // Particles moved alike but for noise: the scan is due for all of them or for none.
         let is_due = sighting != Sighting::Misfits && !scan.is_empty() && self.is_due();
         let is_believed = matches!(sighting, Sighting::Fits { .. });
@@ -163,6 +169,18 @@ impl ParticleFilter {
         let effective_particles = effective_number(&weights);
         let best = self.best();
         self.learn(frame.motion.as_ref(), &fits[best], is_believed, is_gap(steps));
+        if let Some(fit) = &fits[best] {
+            let Tracker { last_motion, map, .. } = &self.particles[best];
+            let step = Step {
+                measured: motion.as_ref(),
+                matched: last_motion,
+                elapsed_s: frame.elapsed_s,
+                is_gap: is_gap(steps),
+                is_believed,
+                is_tested: is_due,
+            };
+            self.unseen.observe(&step, fit, &scan, map.surfaces(), &self.matcher);
+        }
         let pose = self.particles[best].pose;
         profiler.enter(Phase::Map);
         let interruption = match sighting {
@@ -191,6 +209,7 @@ impl ParticleFilter {
             odometry_rejected: fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed),
             // Where scan and odometry contradict each other the robot may be where either has it.
             covariance: self.covariance + fit.map_or_else(Matrix3::zeros, |fit| fit.contradiction()),
+            drift: self.unseen.drift(),
         }
     }
 
@@ -205,11 +224,14 @@ impl ParticleFilter {
     }
 
     /// Asks whether the scan contradicts the map; a robot that is lost begins its maps anew.
-    fn notice_loss(&mut self, scan: &SurfaceScan, fits: &[Option<Fit>]) -> Sighting {
+    fn notice_loss(&mut self, scan: &SurfaceScan, fits: &[Option<Fit>], after_gap: bool) -> Sighting {
         let best = self.best();
-        let fit = fits[best].as_ref().map(|fit| &fit.result);
+        let fit = fits[best].as_ref();
         let sighting = match &mut self.loss {
-            Some(loss) => loss.observe(scan, fit, &self.particles[best].map, &self.matcher),
+            // A scan that fits badly somewhere else than the odometry has it does not tell where the robot came to while
+            // nothing was seen.
+            Some(loss) if after_gap && fit.is_some_and(Fit::is_far_off_and_bad) => loss.lose(),
+            Some(loss) => loss.observe(scan, fit.map(|fit| &fit.result), &self.particles[best].map, &self.matcher),
             None => Sighting::Fits { misfits_before: 0 },
         };
         for particle in &mut self.particles {
@@ -285,6 +307,7 @@ impl ParticleFilter {
         KeyScan {
             frame: self.steps,
             pose,
+            drift: self.unseen.take_drift(&self.covariance),
             covariance: std::mem::take(&mut self.covariance) + doubt,
             scan: Arc::clone(scan),
             points: self.points.clone(),
@@ -356,6 +379,7 @@ impl ParticleFilter {
             covariance: self.covariance,
             is_doubtful: self.is_doubtful,
             is_interrupted: self.is_interrupted,
+            unseen: self.unseen,
             pace: self.pace,
         }
     }
@@ -386,7 +410,7 @@ impl ParticleFilter {
         filter.loss = filter.loss.and(state.loss.or(Some(LossDetector::default())));
         (filter.written, filter.covariance, filter.is_doubtful) = (state.written, state.covariance, state.is_doubtful);
         filter.is_interrupted = state.is_interrupted;
-        filter.pace = state.pace;
+        (filter.unseen, filter.pace) = (state.unseen, state.pace);
         filter.steps = first + poses.len();
         filter
     }

@@ -1,6 +1,7 @@
 //! What a filter says about one scan.
 
 use crate::geometry::Pose2;
+use crate::key_scan::Drift;
 use nalgebra::Matrix3;
 
 /// What a filter says about one scan.
@@ -21,4 +22,6 @@ pub struct FilterStep {
     /// Covariance of the motion since the last scan that was written into the map, over (x, y, θ) in the axes of the
     /// front end's frame; zero where a filter does not tell.
     pub covariance: Matrix3<f64>,
+    /// By how much that motion may be off beyond its covariance.
+    pub drift: Drift,
 }

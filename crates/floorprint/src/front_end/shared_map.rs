@@ -7,6 +7,7 @@ use super::{FilterConfig, FilterStep};
 use crate::Config;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
+use crate::key_scan::Drift;
 use crate::map::OccupancyGrid;
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
@@ -88,6 +89,7 @@ impl SharedMapFilter {
             resampled,
             odometry_rejected: false,
             covariance: Matrix3::zeros(),
+            drift: Drift::default(),
         }
     }
 

@@ -209,6 +209,11 @@ impl Fit {
         self.odometry == OdometryVerdict::Abandoned || self.result.inlier_share < DOUBTFUL_INLIER_SHARE
     }
 
+    /// Whether the scan lies somewhere else than the odometry has it, and fits badly even there.
+    pub(super) fn is_far_off_and_bad(&self) -> bool {
+        self.odometry == OdometryVerdict::Abandoned && self.result.inlier_share < DOUBTFUL_INLIER_SHARE
+    }
+
     /// Logarithm of ∫ p(scan | pose) p(pose | odometry) dpose, by Laplace's method around the optimum.
     pub(super) fn log_evidence(&self, points: f64) -> f64 {
         let offset = Vector3::new(

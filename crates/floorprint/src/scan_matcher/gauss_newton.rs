@@ -209,7 +209,7 @@ fn linearise(
         information: Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt) * temper,
         gradient: Vector3::from([sums.gx, sums.gy, sums.gt].map(total)) * temper,
         inliers: total(sums.inliers),
-        log_likelihood: total(sums.log_likelihood) + f64::from(OUTLIER_LOG_LIKELIHOOD) * scan.len() as f64,
+        log_likelihood: total(sums.log_likelihood) + OUTLIER_LOG_LIKELIHOOD * scan.len() as f64,
     }
 }
 
@@ -303,7 +303,7 @@ impl Sums {
             self.gy[lane] += ey;
             self.gt[lane] += jx * ex + jy * ey;
             self.inliers[lane] += if square < 9.0 { used } else { 0.0 };
-            let beyond = -0.5 * square - OUTLIER_LOG_LIKELIHOOD;
+            let beyond = -0.5 * square - OUTLIER;
             self.log_likelihood[lane] += if beyond > 0.0 { used * beyond } else { 0.0 };
         }
     }
@@ -349,5 +349,6 @@ fn floor(value: f32) -> i32 {
 /// Steps smaller than these, metres and radians, are taken for the last ones of the approach.
 const NEAR_STEP_M: f64 = 0.01;
 const NEAR_STEP_RAD: f64 = 0.005;
+const OUTLIER: f32 = OUTLIER_LOG_LIKELIHOOD as f32;
 /// What a point that lies on nothing known adds to the log-likelihood.
-const OUTLIER_LOG_LIKELIHOOD: f32 = -4.5;
+pub const OUTLIER_LOG_LIKELIHOOD: f64 = -4.5;

@@ -13,5 +13,7 @@ mod tests;
 pub use branch_and_bound::{Place, PlaceQuery, PlaceSearch};
 pub use config::MatcherConfig;
 pub use correlative::{SearchWindow, search};
-pub use gauss_newton::{MatchResult, PoseBelief, inlier_share, match_scan, outliers, without_hearsay};
+pub use gauss_newton::{
+    MatchResult, OUTLIER_LOG_LIKELIHOOD, PoseBelief, inlier_share, match_scan, outliers, without_hearsay,
+};
 pub use locate::{OdometryVerdict, locate};

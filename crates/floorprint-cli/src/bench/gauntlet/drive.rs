@@ -11,12 +11,14 @@ use crate::terminal::Terminal;
 use anyhow::Context as _;
 use clap::Args;
 use floorprint::Frames;
+use floorprint::evaluation::PoseError;
 use floorprint::geometry::Pose2;
 use floorprint::sensors::StampedPose;
 use floorprint::simulator::{Fault, Scenario, SimulatedDrive};
 use floorprint::{Config, Slam, SlamResult};
 use floorprint_io::{write_file, write_map, write_png, write_trajectory};
 use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
 use std::fs;
 use std::io::Write as _;
 
@@ -135,6 +137,7 @@ pub(super) fn leave_folder(seed: u64, around: &Surroundings<'_>) -> anyhow::Resu
     write_trajectory(&folder.join("trajectory.tum"), &solved.result.trajectory)?;
     write_trajectory(&folder.join("odometry.tum"), &solved.odometry)?;
     write_trajectory(&folder.join("truth.tum"), &solved.truth)?;
+    write_file(&folder.join("claims.csv"), solved.claims_table().as_bytes())?;
     write_file(&folder.join("config.toml"), solved.config.to_toml().as_bytes())?;
     write_file(&folder.join("simulation.toml"), toml::to_string(&solved.scenario.config)?.as_bytes())?;
     write_file(&folder.join("picture.svg"), solved.picture().as_bytes())?;
@@ -274,6 +277,25 @@ impl Row {
 }
 
 impl Solved {
+    /// What was claimed of each scan, live and in the end, beside how far it is off: metres, degrees; stated regions hold
+    /// 95 %.
+    fn claims_table(&self) -> String {
+        let mut text = String::from(
+            "scan,stamp_s,live_off_m,live_off_deg,live_stated_m,live_stated_deg,live_lost,off_m,off_deg,stated_m,stated_deg,lost\n",
+        );
+        for (scan, ((live, claim), truth)) in self.live.iter().zip(&self.claims).zip(&self.truth).enumerate() {
+            let _ = write!(text, "{scan},{:.6}", truth.stamp_s);
+            for claim in [live, claim] {
+                let error = PoseError::between(&truth.pose, &claim.pose);
+                let Claim { radius_m, radius_deg, is_lost, .. } = claim;
+                let (off_m, off_deg) = (error.translation_m, error.rotation_deg.abs());
+                let _ = write!(text, ",{off_m:.3},{off_deg:.2},{radius_m:.3},{radius_deg:.2},{}", u8::from(*is_lost));
+            }
+            text.push('\n');
+        }
+        text
+    }
+
     fn picture(&self) -> String {
         let lost = |claims: &[Claim]| claims.iter().map(|claim| (claim.pose, claim.is_lost)).collect::<Vec<_>>();
         let picture = Picture {

@@ -14,6 +14,11 @@ const TOLERANCE_DEG: f64 = 5.0;
 /// … and by more for no longer than this, seconds.
 const TOLERANCE_S: f64 = 2.0;
 
+/// Who states a larger region than this knows no place: as good as lost, metres. A drive that is right all along says so of
+/// no more than this share of its scans.
+const VAGUE_M: f64 = 5.0;
+const MOST_VAGUE: f64 = 0.05;
+
 /// A circle of so many standard deviations holds 95 % of a Gaussian of the plane, an interval of so many 95 % of one on a
 /// line.
 const CIRCLE_95: f64 = 2.448;
@@ -95,6 +100,9 @@ pub(super) struct Judgement {
     pub(super) lost_share: f64,
     /// Share of the scans that are not lost whose position lies within the stated region; 1 where none is stated.
     pub(super) covered_share: f64,
+    /// Share of the scans of which a region is stated that is too large to be of use.
+    #[serde(default)]
+    pub(super) vague_share: f64,
     /// Whether the last of them is.
     pub(super) is_lost_at_end: bool,
     /// Whether every pose that is not lost is right by the tolerance, however sure.
@@ -106,7 +114,7 @@ impl Judgement {
     pub(super) fn new<'a>(claims: impl Iterator<Item = (&'a Claim, f64, Pose2)>) -> Self {
         let mut judgement = Self { is_right: true, ..Self::default() };
         let mut wrong_since_s: Option<f64> = None;
-        let (mut count, mut lost, mut squares, mut covered) = (0_usize, 0_usize, 0.0, 0_usize);
+        let (mut count, mut lost, mut squares, mut covered, mut vague) = (0_usize, 0_usize, 0.0, 0_usize, 0_usize);
         let mut off_since_s: Option<f64> = None;
         for (claim, time_s, truth) in claims {
             let error = PoseError::between(&truth, &claim.pose);
@@ -116,6 +124,7 @@ impl Judgement {
             judgement.max_m = judgement.max_m.max(off_m);
             judgement.max_deg = judgement.max_deg.max(off_deg);
             judgement.is_lost_at_end = claim.is_lost;
+            vague += usize::from(claim.radius_m > VAGUE_M);
             if claim.is_lost {
                 lost += 1;
             } else {
@@ -143,6 +152,7 @@ impl Judgement {
         let scans = count.max(1) as f64;
         judgement.rmse_m = (squares / scans).sqrt();
         judgement.lost_share = lost as f64 / scans;
+        judgement.vague_share = vague as f64 / scans;
         judgement.covered_share = if count == lost { 1.0 } else { covered as f64 / (count - lost) as f64 };
         judgement
     }
@@ -153,7 +163,12 @@ impl Verdict {
     pub(super) fn of(live: &Judgement, result: &Judgement) -> Self {
         if live.wrong_s > TOLERANCE_S || result.wrong_s > TOLERANCE_S {
             Self::SilentlyWrong
-        } else if live.is_right && result.is_right && result.lost_share == 0.0 && !live.is_lost_at_end {
+        } else if live.is_right
+            && result.is_right
+            && result.lost_share == 0.0
+            && result.vague_share <= MOST_VAGUE
+            && !live.is_lost_at_end
+        {
             Self::Right
         } else {
             Self::Told
@@ -197,11 +212,13 @@ mod tests {
             (judged(3.0, 5.0, true, 0.0), Verdict::Right),
             (judged(3.0, 60.0, true, 0.0), Verdict::Told),
             (judged(3.0, 5.0, false, 2.8), Verdict::Told),
+            (judged(0.1, 5.0, false, 4.0), Verdict::Right),
             (judged(3.0, 5.0, false, 2.0), Verdict::SilentlyWrong),
         ] {
             assert_eq!(Verdict::of(&judgement, &right), expected, "{judgement:?}");
         }
         assert_eq!(Verdict::of(&right, &judged(3.0, 5.0, false, 0.0)), Verdict::SilentlyWrong);
         assert_eq!(Verdict::of(&right, &judged(3.0, 5.0, true, 0.0)), Verdict::Told);
+        assert_eq!(Verdict::of(&right, &judged(0.1, 5.0, false, 6.0)), Verdict::Told, "who says nothing is not right");
     }
 }

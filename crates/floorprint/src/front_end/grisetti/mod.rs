@@ -24,7 +24,7 @@ use crate::Config;
 use crate::compact_scan::CompactScan;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::key_scan::KeyScan;
+use crate::key_scan::{Drift, KeyScan};
 use crate::map::HitGrid;
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
@@ -91,6 +91,7 @@ impl GrisettiFilter {
                 resampled: false,
                 odometry_rejected: false,
                 covariance: Matrix3::zeros(),
+                drift: Drift::default(),
             },
             steps: 0,
         }
@@ -144,6 +145,7 @@ impl GrisettiFilter {
             frame: self.steps,
             pose: self.particles[self.best()].pose,
             covariance: Matrix3::zeros(),
+            drift: Drift::default(),
             scan: Arc::default(),
             points: CompactScan::new(&frame.scan),
             interruption: None,
