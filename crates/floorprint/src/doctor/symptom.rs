@@ -217,7 +217,8 @@ impl fmt::Display for Symptom {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::RangeUnits { median, per_metre } => {
-                write!(formatter, "half of the ranges are beyond {median:.0}, which cannot be metres")?;
+                let median = if median < 1e6 { format!("{median:.0}") } else { format!("{median:.0e}") };
+                write!(formatter, "half of the ranges are beyond {median}, which cannot be metres")?;
                 match per_metre {
                     1000.0 => write!(formatter, " (millimetres, it seems)"),
                     100.0 => write!(formatter, " (centimetres, it seems)"),

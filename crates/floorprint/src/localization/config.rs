@@ -10,7 +10,8 @@ pub struct LocalizationConfig {
     /// A pose is claimed once it is this probable against all others and against one that nothing proposed.
     #[schemars(range(min = 0.5, max = 1.0))]
     pub claim_probability: f64,
-    /// Least share of the rays that end where the map shows something, of a pose that is claimed.
+    /// Least share of the rays that end where the map shows something, of a pose that is claimed after a search: in a map
+    /// that explains less than four fifths of what is seen another place may do so as well.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub claim_on_map: f64,
     /// Once it is more probable than this that the robot is lost, its pose is no longer claimed.
@@ -46,7 +47,7 @@ impl Default for LocalizationConfig {
     fn default() -> Self {
         Self {
             claim_probability: 0.9995,
-            claim_on_map: 0.55,
+            claim_on_map: 0.8,
             lost_probability: 0.5,
             particles: 100_000,
             search_points: 64,

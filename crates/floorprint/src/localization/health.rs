@@ -25,10 +25,6 @@ const MOST_TRACKED: f64 = -1.5;
 const MOST_LOST: f64 = 1.5;
 /// The log-odds stay within these.
 const BOUNDS: [f64; 2] = [-8.0, 8.0];
-/// In a map that explains less than this of what is seen anyway, what is not explained says little: that alone does not make
-/// a robot lost, another place that explains more does.
-const TELLING: f64 = 0.75;
-const UNDECIDED: f64 = -0.1;
 /// What is usual is learnt over this time, seconds.
 const USUAL_S: f64 = 15.0;
 /// Where people hide more than this share of the rays nothing can be said.
@@ -58,8 +54,7 @@ impl Health {
         let log_odds =
             (0.5 * below * below + (sigma * std::f64::consts::TAU.sqrt()).ln()).clamp(MOST_TRACKED, MOST_LOST);
         let share = (elapsed_s / PERIOD_S).clamp(0.0, 1.0);
-        let most = if mean >= TELLING { BOUNDS[1] } else { UNDECIDED };
-        self.log_odds = (self.log_odds + share * log_odds).clamp(BOUNDS[0], most);
+        self.log_odds = (self.log_odds + share * log_odds).clamp(BOUNDS[0], BOUNDS[1]);
         if self.usual.is_none() || self.log_odds < SUSPICIOUS {
             let newest = (elapsed_s / USUAL_S).clamp(0.0, 0.1);
             let off = explained - mean;

@@ -309,12 +309,13 @@ fn encoders_without_calibration_and_odometry_that_never_came_are_errors() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
-    /// How the sensors' records come mixed changes nothing, whatever falls silent. After a pause a sensor's first record
-    /// waits for its second, which counts as lateness.
+    /// How the sensors' records come mixed changes nothing, whatever falls silent. At the start and after a pause a sensor's
+    /// first record waits for its second, which counts as lateness: of the poses, which are seldom, none is lost, and no
+    /// sensor pauses twice.
     #[test]
     fn jitter_changes_no_byte(
-        seed in any::<u64>(), jitter_s in 0.0..0.22_f64, dropped_share in 0.0..0.5_f64, doubled_share in 0.0..0.2_f64,
-        pauses in prop::collection::vec((0..4_usize, 0.0..10.0_f64, 0.0..3.0_f64), 0..4), low_pass in any::<bool>(),
+        seed in any::<u64>(), jitter_s in 0.0..0.15_f64, dropped_share in 0.0..0.4_f64, doubled_share in 0.0..0.2_f64,
+        pauses in prop::collection::btree_map(0..4_usize, (0.5..10.0_f64, 0.0..3.0_f64), 0..4), low_pass in any::<bool>(),
         lidars in 1..3_usize, log in any::<bool>(),
     ) {
         let mut config = config();
@@ -329,13 +330,15 @@ proptest! {
         }
         let sensors = [(crate::sensors::Stream::Scans, 0), (crate::sensors::Stream::Encoders, 0),
             (crate::sensors::Stream::Imu, 0), (crate::sensors::Stream::Odometry, 0)];
-        records.retain(|record| !pauses.iter().any(|&(sensor, from_s, for_s)| {
+        records.retain(|record| !pauses.iter().any(|(&sensor, &(from_s, for_s))| {
             let (stream, id) = record.sensor();
             sensors[sensor] == (stream, usize::from(id.0)) && (from_s..from_s + for_s).contains(&record.stamp_s())
         }));
         records.sort_by(|a, b| a.stamp_s().total_cmp(&b.stamp_s()));
         let lost = Arrival { dropped_share, doubled_share, ..Arrival::default() };
-        let records = lost.of(records, seed);
+        let (poses, others) = records.into_iter().partition(|record| matches!(record, Record::Odometry(_)));
+        let mut records: Vec<Record> = [poses, lost.of(others, seed)].concat();
+        records.sort_by(|a, b| a.stamp_s().total_cmp(&b.stamp_s()));
         let jittered = Arrival { jitter_s, ..Arrival::default() }.of(records.clone(), seed ^ 1);
         let ((plain, a), (mixed, b)) = (synchronised(records, &config), synchronised(jittered, &config));
         prop_assert_eq!(bytes(&plain), bytes(&mixed));
