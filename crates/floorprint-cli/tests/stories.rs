@@ -342,9 +342,9 @@ fn logs_in_which_nothing_is_seen_are_failures_with_advice() {
         let message = fails(&standing_log(range));
         assert!(message.contains("which cannot be metres"), "{message}");
     }
-    // Ranges that may be metres, all of them beyond what is used.
+    // Ranges that may be metres, none of which is a measurement.
     let message = fails(&standing_log("79.5"));
-    assert!(message.contains("are the ranges in metres?"), "{message}");
+    assert!(message.contains("of the rays hit anything") && message.contains("scan.range_max_m"), "{message}");
     let message = fails(&"ODOM 1.0 0.0 0.0 0.1 0.0 0.0 1.0 host 0.1\n".repeat(3));
     assert!(message.contains("a map needs FLASER") && !message.contains("stands out"), "{message}");
     let message = fails(&standing_log("2.0").replace("FLASER 180", "FLASER 999"));
