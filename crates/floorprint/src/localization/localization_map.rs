@@ -368,7 +368,7 @@ impl LocalizationMap {
         (column < self.columns && row < self.rows).then(|| row * self.columns + column)
     }
 
-    /// The surface nearest to a point (metres, grid's frame), if one is within [`REACH_M`].
+    /// The surface nearest to a point (metres, grid's frame), if one is within reach.
     #[inline]
     #[must_use]
     pub fn nearest(&self, point_m: [f32; 2]) -> Option<&MapSurface> {
