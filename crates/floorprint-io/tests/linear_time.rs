@@ -35,7 +35,7 @@ fn grows_linearly(what: &str, name: &str, text_of: &dyn Fn(usize) -> String, rea
     }
     // The machine may be busy: one quiet moment is enough.
     let (small, large) = (text_of(size), text_of(4 * size));
-    let ratio = (0..8).map(|_| {
+    let ratio = (0..4).map(|_| {
         let [once, four_times] = [&small, &large].map(|text| quickest(text, name, read).as_secs_f64());
         four_times / once
     });
