@@ -19,6 +19,7 @@ use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
+use crate::program::Program;
 use crate::stopwatch::children_cpu_time_s;
 use crate::terminal::Terminal;
 use crate::topics::Topics;
@@ -314,7 +315,7 @@ impl Arguments {
 
     /// One run in a process of its own.
     fn measure(&self, case: &Case, preset: &str, seed: u64, interrupt: &Interrupt) -> anyhow::Result<Run> {
-        let mut command = Command::new(env::current_exe()?);
+        let mut command = Program::command()?;
         let out = self.out.join(format!("{}-{preset}-{seed}", case.name()));
         match case {
             Case::DataSet(_) => {

@@ -1,4 +1,7 @@
 //! The command line of Floorprint: one file per command.
+//!
+//! It is a library, so that other programs can bring it: [`run`] is the whole program, and [`solve_drive`] what its
+//! command `run` does before anything is written.
 
 mod bench;
 mod check;
@@ -13,6 +16,7 @@ mod map;
 mod number;
 mod optimize;
 mod outcome;
+mod program;
 mod replay;
 mod report;
 mod run;
@@ -22,15 +26,25 @@ mod shell;
 mod simulate;
 mod snapshots;
 mod solve;
+mod solved;
 mod stopwatch;
 mod summary;
 mod terminal;
 mod topics;
 mod truth;
+mod watcher;
+
+pub use check::{Told, examine_recording};
+pub use config::Settings;
+pub use figure::map_picture;
+pub use map::{Placement, Stored};
+pub use outcome::Outcome;
+pub use program::Program;
+pub use solve::{Floor, Solution};
+pub use solved::{Request, Solved, solve_drive};
+pub use watcher::{Progress, Watcher};
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use outcome::Outcome;
-use std::process::ExitCode;
 use terminal::Terminal;
 
 /// Particle-filter SLAM: trajectory, occupancy grid and colour floor map from a robot's drive.
@@ -99,14 +113,20 @@ impl Command {
     }
 }
 
-fn main() -> ExitCode {
-    let matches = taking_negative_numbers(Arguments::command()).get_matches();
-    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+/// Runs the command line: parses, executes, and tells what went wrong.
+pub fn run(program: &Program) -> Outcome {
+    program.remember();
+    let matches = taking_negative_numbers(Arguments::command()).try_get_matches_from(program.words());
+    let arguments = match matches.and_then(|matches| Arguments::from_arg_matches(&matches)) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help and versions are such errors, too. Where they cannot be printed nobody is left to be told.
+            let _ = error.print();
+            return if error.exit_code() == 0 { Outcome::Fine } else { Outcome::BadArguments };
+        }
+    };
     let terminal = Terminal::new(arguments.quiet);
-    match arguments.command.execute(&terminal) {
-        Ok(outcome) => outcome.into(),
-        Err(error) => terminal.fail(&error).into(),
-    }
+    arguments.command.execute(&terminal).unwrap_or_else(|error| terminal.fail(&error))
 }
 
 /// Lets every option take a negative number as its value, so that it can say what it expects instead.
