@@ -3,8 +3,10 @@
 //! It is a library, so that other programs can bring it: [`run`] is the whole program, and [`solve_drive`] what its
 //! command `run` does before anything is written.
 
+mod batch;
 mod bench;
 mod check;
+mod compare;
 mod config;
 mod demo;
 mod evaluate;
@@ -40,8 +42,10 @@ pub use figure::map_picture;
 pub use map::{Placement, Stored};
 pub use outcome::Outcome;
 pub use program::Program;
+pub use simulate::write_simulation;
 pub use solve::{Floor, Solution};
 pub use solved::{Request, Solved, solve_drive};
+pub use terminal::is_about_arguments;
 pub use watcher::{Progress, Watcher};
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -73,6 +77,7 @@ enum Command {
     Evaluate(evaluate::Command),
     Info(info::Arguments),
     Check(check::Arguments),
+    Compare(compare::Arguments),
     #[command(subcommand)]
     Map(map::Command),
     Optimize(optimize::Arguments),
@@ -80,6 +85,7 @@ enum Command {
     Config(config::Command),
     // Boxed: it has many options.
     Bench(Box<bench::Arguments>),
+    Batch(Box<batch::Arguments>),
     /// One simulated drive of `bench`.
     #[command(hide = true)]
     BenchDrive(Box<bench::DriveArguments>),
@@ -101,10 +107,12 @@ impl Command {
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Check(arguments) => check::execute(arguments, terminal),
+            Self::Compare(arguments) => compare::execute(arguments, terminal),
             Self::Map(command) => map::execute(command, terminal),
             Self::Optimize(arguments) => optimize::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),
             Self::Bench(arguments) => bench::execute(arguments, terminal),
+            Self::Batch(arguments) => batch::execute(arguments, terminal),
             Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),
             Self::GauntletDrive(arguments) => bench::execute_gauntlet_drive(arguments, terminal),
             Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),

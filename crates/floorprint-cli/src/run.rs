@@ -46,6 +46,9 @@ pub(crate) struct Arguments {
     /// Largest share of the data that may be dropped; beyond it the exit code is 3.
     #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = number(0.0, 1.0))]
     max_dropped: f64,
+    /// The system refuses more memory than this, megabytes: `batch` asks for it.
+    #[arg(long, value_name = "MB", hide = true)]
+    memory_limit: Option<u64>,
 }
 
 /// How the work is done, whatever is solved.
@@ -114,6 +117,9 @@ pub(crate) struct Task<'a> {
 
 /// Runs `floorprint run`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    if let Some(megabytes) = arguments.memory_limit {
+        limit_memory(megabytes)?;
+    }
     let out = arguments.out.clone().unwrap_or_else(|| {
         let name = run_folder::data_set_name(&arguments.path);
         let drive = arguments.drive.map_or(String::new(), |drive| format!("-{drive}"));
@@ -187,6 +193,20 @@ impl Task<'_> {
         }
         Ok(Some((report, out)))
     }
+}
+
+/// Has the system refuse this process more memory; what then asks for it ends the process.
+#[cfg(target_os = "linux")]
+fn limit_memory(megabytes: u64) -> anyhow::Result<()> {
+    use nix::sys::resource::{Resource, setrlimit};
+    let bytes = megabytes.saturating_mul(1_000_000);
+    // Data, not addresses: threads reserve far more of those than they ever use.
+    Ok(setrlimit(Resource::RLIMIT_DATA, bytes, bytes)?)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn limit_memory(_megabytes: u64) -> anyhow::Result<()> {
+    Ok(())
 }
 
 #[cfg(test)]

@@ -76,13 +76,7 @@ impl Terminal {
             return Outcome::Fine;
         }
         report(&format!("{ERROR}error{ERROR:#}: {error:#}"));
-        let is_about_arguments = |cause: &(dyn std::error::Error + 'static)| {
-            cause.is::<BadArguments>()
-                || cause.is::<ConfigError>()
-                || cause.is::<SimulationError>()
-                || matches!(cause.downcast_ref(), Some(OdometryError::Setting { .. }))
-        };
-        if error.chain().any(is_about_arguments) { Outcome::BadArguments } else { Outcome::Failed }
+        if is_about_arguments(error) { Outcome::BadArguments } else { Outcome::Failed }
     }
 
     /// A bar for `length` steps of work with speed and time left; silent when stderr is no terminal.
@@ -114,6 +108,17 @@ impl Terminal {
         bar.enable_steady_tick(Duration::from_millis(100));
         bar
     }
+}
+
+/// Whether arguments or configuration are to blame, rather than data or files.
+#[must_use]
+pub fn is_about_arguments(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.is::<BadArguments>()
+            || cause.is::<ConfigError>()
+            || cause.is::<SimulationError>()
+            || matches!(cause.downcast_ref(), Some(OdometryError::Setting { .. }))
+    })
 }
 
 /// How many a second, with as many digits as can be read.

@@ -11,6 +11,7 @@ mod run;
 mod simulated;
 mod table;
 
+pub(crate) use data_sets::{DataSet, find as find_data_sets};
 pub(crate) use gauntlet::{DriveArguments as GauntletDriveArguments, execute_drive as execute_gauntlet_drive};
 pub(crate) use machine::today;
 pub(crate) use simulated::{Arguments as DriveArguments, execute as execute_drive};
@@ -26,7 +27,6 @@ use crate::topics::Topics;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use data_sets::DataSet;
 use floorprint::config::Preset;
 use floorprint::front_end::FilterKind;
 use floorprint::simulator::World;

@@ -134,11 +134,17 @@ impl Stored {
         map.with_context(|| format!("{}: nothing was seen in this session", path.display()))
     }
 
-    /// Writes it as a new file.
+    /// Writes it as a new file where none stands.
     ///
     /// # Errors
-    /// Nothing was seen in it, or the file cannot be written.
-    pub fn save(&self, path: &Path) -> anyhow::Result<()> {
+    /// A file stands there; nothing was seen in it; the file cannot be written.
+    pub fn save_as_new(&self, path: &Path) -> anyhow::Result<()> {
+        ensure_free(path)?;
+        self.save(path)
+    }
+
+    /// Writes it as a new file.
+    fn save(&self, path: &Path) -> anyhow::Result<()> {
         let map = self.map(path)?;
         let mut file = SessionFile::create(path)?;
         let mut write = || -> anyhow::Result<()> {
