@@ -8,9 +8,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::thread;
 
-/// What the check needs besides the package; evo brings matplotlib and pandas.
+/// What the check needs besides the package.
 const TOOLS: &[&str] =
-    &["maturin>=1.16,<2", "numpy>=1.24", "pytest>=8", "mypy>=1.15", "ruff>=0.12", "evo>=1.30", "tqdm>=4.60"];
+    &["maturin>=1.16,<2", "numpy>=1.24", "scipy", "matplotlib", "pytest>=8", "mypy>=1.15", "ruff>=0.12", "tqdm>=4.60"];
+/// Of evo the errors count; plots and bags would bring a hundred megabytes along.
+const WITHOUT_DEPENDENCIES: &str = "evo>=1.30";
 
 struct Environment {
     folder: PathBuf,
@@ -24,7 +26,7 @@ impl Environment {
         let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("../floorprint-python").canonicalize().unwrap();
         let environment = Self { folder, package };
         let installed = environment.folder.join("tools.txt");
-        let wanted = TOOLS.join("\n");
+        let wanted = [TOOLS, &[WITHOUT_DEPENDENCIES]].concat().join("\n");
         if fs::read_to_string(&installed).is_ok_and(|found| found == wanted) {
             return Ok(environment);
         }
@@ -36,13 +38,16 @@ impl Environment {
         let _ = fs::remove_dir_all(&environment.folder);
         let made = Command::new("python3").args(["-m", "venv"]).arg(&environment.folder).output().unwrap();
         assert!(made.status.success(), "{}", said(&made));
-        let install =
-            environment.command("pip").args(["install", "--quiet", "--retries=1"]).args(TOOLS).output().unwrap();
-        if !install.status.success() {
-            let text = said(&install);
-            let unreachable = ["connection", "Connection", "resolve", "timed out", "No matching distribution"];
-            assert!(unreachable.iter().any(|sign| text.contains(sign)), "{text}");
-            return Err(format!("the package index cannot be reached: {}", text.lines().next().unwrap_or_default()));
+        for tools in [TOOLS, &["--no-deps", WITHOUT_DEPENDENCIES]] {
+            let mut install = environment.command("pip");
+            let install = install.args(["install", "--quiet", "--retries=1"]).args(tools).output().unwrap();
+            if !install.status.success() {
+                let text = said(&install);
+                let unreachable = ["connection", "Connection", "resolve", "timed out", "No matching distribution"];
+                assert!(unreachable.iter().any(|sign| text.contains(sign)), "{text}");
+                let first = text.trim().lines().next().unwrap_or_default();
+                return Err(format!("the package index cannot be reached: {first}"));
+            }
         }
         fs::write(installed, wanted).unwrap();
         Ok(environment)

@@ -13,7 +13,7 @@ import floorprint
 #: Few rays and no camera: quick, and still a drive.
 SMALL = {
     "motion": {"speed_m_s": 2.0},
-    "lidar": {"beams": 181, "rate_hz": 10.0},
+    "lidar": {"beams": 181, "rate_hz": 5.0},
     "camera": {"rate_hz": 0.5},
 }
 

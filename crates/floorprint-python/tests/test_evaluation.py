@@ -3,27 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import floorprint
 
 
+def for_evo(poses: NDArray[Any]) -> Any:
+    """Poses as evo has them."""
+    from evo.core.trajectory import PoseTrajectory3D
+
+    tum = floorprint.tum(poses)
+    return PoseTrajectory3D(tum[:, 1:4], np.roll(tum[:, 4:], 1, axis=1), tum[:, 0])
+
+
 @pytest.mark.parametrize("align", ["none", "best"])
-def test_errors_are_those_of_evo(drive: Path, run_folder: Path, align: str) -> None:
+def test_errors_are_those_of_evo(drive: Path, result: floorprint.Result, align: str) -> None:
     pytest.importorskip("evo")
     from evo.core import metrics, sync
-    from evo.tools import file_interface
 
-    truth = file_interface.read_tum_trajectory_file(drive / "truth.tum")
-    estimate = file_interface.read_tum_trajectory_file(run_folder / "trajectory.tum")
-    truth, estimate = sync.associate_trajectories(truth, estimate, max_diff=1e-4)
+    true_poses = floorprint.read_trajectory(drive / "truth.tum")
+    truth, estimate = sync.associate_trajectories(for_evo(true_poses), for_evo(result.trajectory), max_diff=1e-4)
     if align == "best":
         estimate.align(truth)
     error = metrics.APE(metrics.PoseRelation.translation_part)
     error.process_data((truth, estimate))
-    ours = floorprint.evaluate(drive / "truth.tum", run_folder / "trajectory.tum", align=align)
+    ours = floorprint.evaluate(true_poses, result.trajectory, align=align)
     assert ours["matched"] == estimate.num_poses
     for name in ("rmse", "mean", "max"):
         assert ours["translation_m"][name] == pytest.approx(error.get_all_statistics()[name], abs=1e-6), name

@@ -61,7 +61,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "SECONDS", default_value_t = 3600.0, value_parser = number(0.1, 1e9))]
     time_limit: f64,
     /// A run that needs more memory is ended, megabytes (Linux).
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(16..))]
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..))]
     memory_limit: Option<u64>,
     /// Leave the floors unpainted.
     #[arg(long)]
