@@ -40,7 +40,8 @@ impl Environment {
         assert!(made.status.success(), "{}", said(&made));
         for tools in [TOOLS, &["--no-deps", WITHOUT_DEPENDENCIES]] {
             let mut install = environment.command("pip");
-            let install = install.args(["install", "--quiet", "--retries=1"]).args(tools).output().unwrap();
+            let install =
+                install.args(["install", "--quiet", "--no-compile", "--retries=1"]).args(tools).output().unwrap();
             if !install.status.success() {
                 let text = said(&install);
                 let unreachable = ["connection", "Connection", "resolve", "timed out", "No matching distribution"];
@@ -63,7 +64,8 @@ impl Environment {
             .current_dir(&self.package)
             .env("PATH", std::env::join_paths(paths).unwrap())
             .env("VIRTUAL_ENV", &self.folder)
-            .env("PYTHONDONTWRITEBYTECODE", "1")
+            // Compiled once, where it is imported, and not beside the sources.
+            .env("PYTHONPYCACHEPREFIX", self.folder.join("compiled"))
             .env("PIP_DISABLE_PIP_VERSION_CHECK", "1")
             .env("FLOORPRINT_PROGRAM", env!("CARGO_BIN_EXE_floorprint"))
             .env("MPLBACKEND", "agg");

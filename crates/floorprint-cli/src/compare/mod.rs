@@ -52,7 +52,8 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         let count = arguments.runs.len();
         return Err(BadArguments(format!("{count} runs: more than {MOST_RUNS} cannot be told apart on a page")).into());
     }
-    let runs: Vec<Run> = arguments.runs.iter().map(|folder| Run::read(folder)).collect::<anyhow::Result<_>>()?;
+    let mut runs: Vec<Run> = arguments.runs.iter().map(|folder| Run::read(folder)).collect::<anyhow::Result<_>>()?;
+    runs.iter_mut().zip(names(&arguments.runs)).for_each(|(run, name)| run.name = name);
     let truth = arguments.truth.as_deref().map(read_trajectory).transpose()?;
     write_file(&arguments.out, page::page(&runs, truth.as_deref())?.as_bytes())?;
     terminal.say(&format!("comparison  {}", arguments.out.display()));
@@ -68,9 +69,8 @@ impl Run {
         let table: Table = read_text(&path)?.parse().with_context(|| format!("cannot read {}", path.display()))?;
         let mut options = BTreeMap::new();
         flatten("", &table, &mut options);
-        let name = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
         Ok(Self {
-            name: name.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            name: String::new(),
             report,
             map: read_map(&folder.join("map.yaml"))?,
             trajectory: read_trajectory(&folder.join("trajectory.tum"))?,
@@ -90,6 +90,23 @@ impl Run {
     }
 }
 
+/// What runs are called: the end of each folder's path by which it differs from all others.
+fn names(folders: &[PathBuf]) -> Vec<String> {
+    let parts = |folder: &PathBuf| -> Vec<String> {
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.clone());
+        folder.iter().map(|part| part.to_string_lossy().into_owned()).collect()
+    };
+    let paths: Vec<Vec<String>> = folders.iter().map(parts).collect();
+    let end = |path: &[String], length: usize| path[path.len().saturating_sub(length)..].join("/");
+    let name = |path: &Vec<String>| {
+        let is_alone =
+            |length: &usize| paths.iter().filter(|other| end(other, *length) == end(path, *length)).count() == 1;
+        // A folder that is named twice has its whole path twice.
+        end(path, (1..path.len()).find(is_alone).unwrap_or(1))
+    };
+    paths.iter().map(name).collect()
+}
+
 /// Every option of a configuration by its dotted key.
 fn flatten(prefix: &str, table: &Table, options: &mut BTreeMap<String, String>) {
     for (key, value) in table {
@@ -98,5 +115,17 @@ fn flatten(prefix: &str, table: &Table, options: &mut BTreeMap<String, String>) 
             toml::Value::Table(table) => flatten(&format!("{key}."), table, options),
             value => _ = options.insert(key, value.to_string()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_are_called_by_what_tells_them_apart() {
+        let names_of = |folders: &[&str]| names(&folders.iter().map(PathBuf::from).collect::<Vec<_>>());
+        assert_eq!(names_of(&["/a/fast/drive", "/a/seed/drive", "/b/other"]), ["fast/drive", "seed/drive", "other"]);
+        assert_eq!(names_of(&["/a/drive", "/a/drive"]), ["drive", "drive"]);
     }
 }

@@ -125,16 +125,20 @@ fn figures(runs: &[Run]) -> String {
 fn errors(runs: &[Run], truth: Option<&[StampedPose]>) -> String {
     let reference = StampIndex::new(truth.unwrap_or_else(|| &runs[0].trajectory));
     let what = if truth.is_some() { "from the truth" } else { "from the first run" };
-    let compared = runs.iter().enumerate().skip(usize::from(truth.is_none()));
+    let is_compared = |number: usize| truth.is_some() || number > 0;
+    let distance = |(number, run): (usize, &Run)| {
+        if is_compared(number) { run.distances_from(&reference) } else { Vec::new() }
+    };
+    let distances: Vec<Vec<[f64; 3]>> = runs.iter().enumerate().map(distance).collect();
+    // One scale for all, so that they can be compared.
+    let largest_m = distances.iter().flatten().map(|[_, metres, _]| *metres).fold(0.0, f64::max);
     let mut charts = String::new();
-    let mut distances = vec![Vec::new(); runs.len()];
-    for (number, run) in compared {
-        let distance = run.distances_from(&reference);
+    for (number, run) in runs.iter().enumerate() {
         let title = format!("{} {what}, metres", run.name);
-        let points = distance.iter().map(|[s, metres, _]| [*s, *metres]).collect();
-        let chart = Chart { title: &escape(&title), class: &format!("run-{number}"), points, maximum: None };
+        let points = distances[number].iter().map(|[s, metres, _]| [*s, *metres]).collect();
+        let maximum = (largest_m > 0.0).then_some(largest_m);
+        let chart = Chart { title: &escape(&title), class: &format!("run-{number}"), points, maximum };
         charts.push_str(&chart.to_html("Distance of the poses at the same time, without any alignment."));
-        distances[number] = distance;
     }
     let end_s = distances.iter().flatten().map(|[s, ..]| *s).fold(0.0, f64::max);
     let mut rows = String::new();
