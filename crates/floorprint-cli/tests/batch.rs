@@ -99,6 +99,29 @@ fn runs_that_take_too_long_or_too_much_are_rows() {
     assert!(!out.join(".running-drive-seed-0").exists());
 }
 
+#[cfg(unix)]
+#[test]
+fn a_batch_that_is_stopped_leaves_no_row_of_what_was_not_finished() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    use std::thread::sleep;
+    use std::time::Duration;
+
+    let folder = tempfile::tempdir().unwrap();
+    let (log, out) = (folder.path().join("drive"), folder.path().join("out"));
+    simulate(&log, "3");
+    let mut batch = Command::new(env!("CARGO_BIN_EXE_floorprint"));
+    batch.arg("batch").arg(&log).arg("--out").arg(&out).args(["--preset", "seed", "--set", "filter.particles=20000"]);
+    let mut running = batch.spawn().unwrap();
+    while !out.join(".running-drive-seed-0").exists() {
+        sleep(Duration::from_millis(5));
+    }
+    kill(Pid::from_raw(i32::try_from(running.id()).unwrap()), Signal::SIGINT).unwrap();
+    assert_eq!(running.wait().unwrap().code(), Some(130));
+    assert!(rows(&out.join("results.sqlite"), "SELECT status, log FROM runs").is_empty());
+    assert!(!out.join(".running-drive-seed-0").exists(), "no process is left, and nothing of it");
+}
+
 /// Compares two runs, and looks for what a page is to show.
 fn compared(first: &str, second: &str, folder: &Path) {
     let page = folder.join("compare.html");

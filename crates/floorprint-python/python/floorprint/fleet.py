@@ -9,6 +9,7 @@ import json
 import multiprocessing
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -65,7 +66,7 @@ def _solve(job: _Job, answer: Connection) -> None:
         answer.send((None, str(error)))
 
 
-def _once(job: _Job) -> Outcome:
+def _once(job: _Job, stop: threading.Event) -> Outcome:
     """One attempt, in a process that can be killed."""
     # A process that has threads is not to be forked.
     context = multiprocessing.get_context("spawn")
@@ -74,48 +75,51 @@ def _once(job: _Job) -> Outcome:
     started = time.monotonic()
     process.start()
     theirs.close()
-    report, error, answered = None, None, False
-    if ours.poll(job.timeout_s):
-        try:
-            report, error = ours.recv()
-            answered = True
-        except EOFError:
-            pass
-    elif process.is_alive():
-        process.kill()
+    while not ours.poll(0.1):
+        wall_s = time.monotonic() - started
+        if stop.is_set() or (job.timeout_s is not None and wall_s > job.timeout_s):
+            process.kill()
+            process.join()
+            text = "was stopped" if stop.is_set() else f"took longer than {job.timeout_s:g} s"
+            return Outcome(job.log, "timed out", error=text, wall_s=wall_s)
+    try:
+        report, error = ours.recv()
+    except EOFError:
+        # It ended without an answer.
         process.join()
-        text = f"took longer than {job.timeout_s:g} s" if job.timeout_s is not None else "did not answer"
-        return Outcome(job.log, "timed out", error=text, wall_s=time.monotonic() - started)
-    process.join()
-    wall_s = time.monotonic() - started
-    if not answered:
         code = process.exitcode or 0
         text = f"the process ended with {signal.Signals(-code).name if code < 0 else f'exit code {code}'}"
-        return Outcome(job.log, "crashed", error=text, wall_s=wall_s)
+        return Outcome(job.log, "crashed", error=text, wall_s=time.monotonic() - started)
+    process.join()
+    wall_s = time.monotonic() - started
     if report is None:
         return Outcome(job.log, "failed", error=error, wall_s=wall_s)
     return Outcome(job.log, "done", json.loads(report), folder=job.folder, wall_s=wall_s)
 
 
-def _attempt(job: _Job) -> Outcome:
+def _attempt(job: _Job, stop: threading.Event | None = None) -> Outcome:
     """Attempts until it is done, or says why not: what fails by its data fails again, and is not tried again."""
-    outcome = _once(job)
+    stop = threading.Event() if stop is None else stop
+    outcome = _once(job, stop)
     for _ in range(job.retries):
         if outcome.status != "crashed":
             break
-        outcome = _once(job)
+        outcome = _once(job, stop)
     return outcome
 
 
 def _by_processes(jobs: Sequence[_Job], workers: int) -> Iterator[Outcome]:
+    stop = threading.Event()
     with ThreadPoolExecutor(workers) as threads:
-        waiting: set[Future[Outcome]] = {threads.submit(_attempt, job) for job in jobs}
+        waiting: set[Future[Outcome]] = {threads.submit(_attempt, job, stop) for job in jobs}
         try:
             while waiting:
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:
                     yield future.result()
         finally:
+            # Who takes no more outcomes waits for none.
+            stop.set()
             for future in waiting:
                 future.cancel()
 
