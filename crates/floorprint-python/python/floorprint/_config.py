@@ -171,13 +171,14 @@ class Config:
         return isinstance(other, Config) and self._text == other._text
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (_restored, self.layers)
+        return (restored, self.layers)
 
     def __repr__(self) -> str:
         return f"Config(preset={self._preset!r}, settings={self._settings!r})"
 
 
-def _restored(preset: str, file: str | None, settings: list[str], robot: str | None) -> Config:
+def restored(preset: str, file: str | None, settings: list[str], robot: str | None) -> Config:
+    """A configuration of what it was made of."""
     config = object.__new__(Config)
     config._take(preset, file, settings, robot)
     return config

@@ -6,20 +6,20 @@ A log that crashes, hangs or cannot be read is an outcome that says why, not the
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from floorprint._config import Config, configuration
+from floorprint._config import Config, configuration, restored
 
 
 @dataclass(frozen=True)
@@ -50,51 +50,73 @@ class _Job:
     retries: int
 
 
-def _solve(job: _Job, answer: Connection) -> None:
-    """Solves a log in a process of its own, and answers."""
+#: What starts the process of a log. It imports nothing of the program that asked, unlike one of multiprocessing's:
+#: scripts and notebooks need not be written for it.
+_WORKER = [sys.executable, "-c", "from floorprint.fleet import _work; _work()"]
+
+
+def _work() -> None:
+    """Solves the log that its argument names, and answers on stdout."""
     from floorprint._errors import Error
     from floorprint._run import run
 
-    # Ctrl-C is for who started it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    def end_with_who_asked() -> None:
+        # Its end of the pipe closes when it dies, however it does.
+        sys.stdin.read()
+        os._exit(1)
+
+    threading.Thread(target=end_with_who_asked, daemon=True).start()
+    log, layers, folder, threads = json.loads(sys.argv[1])
     try:
-        result = run(job.log, config=job.config, threads=job.threads)
-        if job.folder is not None:
-            result.save(job.folder)
-        answer.send((json.dumps(result.report), None))
+        result = run(log, config=restored(*layers), threads=threads)
+        if folder is not None:
+            # What stands there is of an attempt whose outcome was lost, or of an earlier call.
+            result.save(folder, replace=True)
+        json.dump([result.report, None], sys.stdout)
     except (Error, OSError) as error:
-        answer.send((None, str(error)))
+        json.dump([None, str(error)], sys.stdout)
 
 
 def _once(job: _Job, stop: threading.Event) -> Outcome:
     """One attempt, in a process that can be killed."""
-    # A process that has threads is not to be forked.
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_solve, args=(job, theirs), daemon=True)
+    question = json.dumps([job.log, job.config.layers, job.folder, job.threads])
     started = time.monotonic()
-    process.start()
-    theirs.close()
-    while not ours.poll(0.1):
-        wall_s = time.monotonic() - started
-        if stop.is_set() or (job.timeout_s is not None and wall_s > job.timeout_s):
-            process.kill()
-            process.join()
-            text = "was stopped" if stop.is_set() else f"took longer than {job.timeout_s:g} s"
-            return Outcome(job.log, "timed out", error=text, wall_s=wall_s)
+    here, there = os.pipe()
+    # Ctrl-C is for who asked, who then ends the process.
+    process = subprocess.Popen(
+        [*_WORKER, question],
+        stdin=here,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    os.close(here)
     try:
-        report, error = ours.recv()
-    except EOFError:
-        # It ended without an answer.
-        process.join()
-        code = process.exitcode or 0
-        text = f"the process ended with {signal.Signals(-code).name if code < 0 else f'exit code {code}'}"
-        return Outcome(job.log, "crashed", error=text, wall_s=time.monotonic() - started)
-    process.join()
+        while True:
+            try:
+                answer, said = process.communicate(timeout=0.1)
+                break
+            except subprocess.TimeoutExpired:
+                wall_s = time.monotonic() - started
+            if stop.is_set() or (job.timeout_s is not None and wall_s > job.timeout_s):
+                process.kill()
+                process.communicate()
+                text = "was stopped" if stop.is_set() else f"took longer than {job.timeout_s:g} s"
+                return Outcome(job.log, "timed out", error=text, wall_s=wall_s)
+    finally:
+        os.close(there)
     wall_s = time.monotonic() - started
+    if process.returncode != 0:
+        code = process.returncode
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        last = said.strip().splitlines()[-1:]
+        text = ": ".join([f"the process ended with {how}", *last])
+        return Outcome(job.log, "crashed", error=text, wall_s=wall_s)
+    report, error = json.loads(answer)
     if report is None:
         return Outcome(job.log, "failed", error=error, wall_s=wall_s)
-    return Outcome(job.log, "done", json.loads(report), folder=job.folder, wall_s=wall_s)
+    return Outcome(job.log, "done", report, folder=job.folder, wall_s=wall_s)
 
 
 def _attempt(job: _Job, stop: threading.Event | None = None) -> Outcome:
@@ -159,7 +181,8 @@ def map(
 
     Args:
         logs: Data sets.
-        out: Folder in which each log's run is saved, below its name; nothing is saved where nothing is said.
+        out: Folder in which each log's run is saved, below its name, in the place of an earlier one; nothing is saved
+            where nothing is said.
         config, preset, settings: As those of :func:`floorprint.run`.
         workers: Logs at a time; as many as there are cores where nothing is said.
         threads: Threads that share the work on a log.
@@ -197,7 +220,5 @@ def _folders(logs: Sequence[str | PathLike[str]], out: Path) -> Iterator[Path]:
 
 
 def _ray_is_up() -> bool:
-    import sys
-
     ray = sys.modules.get("ray")
     return ray is not None and bool(ray.is_initialized())
