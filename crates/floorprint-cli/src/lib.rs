@@ -5,6 +5,7 @@
 
 mod batch;
 mod bench;
+mod calibrate;
 mod check;
 mod compare;
 mod config;
@@ -78,6 +79,7 @@ enum Command {
     Info(info::Arguments),
     Check(check::Arguments),
     Compare(compare::Arguments),
+    Calibrate(calibrate::Arguments),
     #[command(subcommand)]
     Map(map::Command),
     Optimize(optimize::Arguments),
@@ -108,6 +110,7 @@ impl Command {
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Check(arguments) => check::execute(arguments, terminal),
             Self::Compare(arguments) => compare::execute(arguments, terminal),
+            Self::Calibrate(arguments) => calibrate::execute(arguments, terminal),
             Self::Map(command) => map::execute(command, terminal),
             Self::Optimize(arguments) => optimize::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),

@@ -17,6 +17,7 @@ use anyhow::Context as _;
 use floorprint::doctor;
 use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
+use floorprint::odometry::Finding;
 use floorprint::{Config, Phase, Profiler};
 use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, open, png_bytes};
 use std::path::{Path, PathBuf};
@@ -115,6 +116,11 @@ impl Task<'_> {
             .with_context(|| format!("cannot solve {}", self.path.display()))?;
         let symptoms = [symptoms, doctor::examine_solved(&solution.steps, &data_set.records)].concat();
         check::tell(&symptoms, terminal);
+        for finding in &solution.summary.findings {
+            if matches!(finding, Finding::Lag { .. }) {
+                terminal.note(&finding.to_string());
+            }
+        }
         if solution.partial && solution.trajectory.is_empty() {
             terminal.warn("stopped before the first scan: there is nothing to write");
             return Ok(None);
