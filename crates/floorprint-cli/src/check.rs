@@ -7,7 +7,7 @@ use crate::topics::Topics;
 use anyhow::bail;
 use clap::Args;
 use floorprint::doctor::{Severity, Symptom, examine};
-use floorprint_io::open;
+use floorprint_io::{OpenOptions, open};
 use serde::Serialize;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -30,14 +30,24 @@ pub(crate) struct Arguments {
 }
 
 /// A symptom with what is to be said of it.
-#[derive(Serialize)]
-struct Told {
+#[derive(Debug, Clone, Serialize)]
+pub struct Told {
     severity: Severity,
     #[serde(flatten)]
     symptom: Symptom,
     evidence: String,
     effect: &'static str,
     remedy: String,
+}
+
+/// What is wrong with a recording.
+///
+/// # Errors
+/// It cannot be read; whatever is wrong with a setting.
+pub fn examine_recording(path: &Path, options: &OpenOptions, settings: &Settings) -> anyhow::Result<Vec<Told>> {
+    let data_set = open(path, options)?;
+    let config = settings.resolve(Some(&data_set.robot))?;
+    Ok(examine(&data_set.records, &config).iter().map(Told::of).collect())
 }
 
 /// Runs `floorprint check`.

@@ -34,20 +34,20 @@ pub(crate) enum Command {
 }
 
 /// Where settings come from; later ones win: preset, file, --set, --seed.
-#[derive(Args, Clone, Debug, Default)]
-pub(crate) struct Settings {
+#[derive(Args, Clone, Debug, Default, PartialEq, Eq)]
+pub struct Settings {
     /// Named configuration to start from.
     #[arg(long, default_value = "default", value_name = "NAME", value_parser = |name: &str| name.parse::<Preset>())]
-    pub(crate) preset: Preset,
+    pub preset: Preset,
     /// TOML file laid over the preset.
     #[arg(long, value_name = "FILE")]
-    pub(crate) config: Option<PathBuf>,
+    pub config: Option<PathBuf>,
     /// Single setting laid over all else, e.g. filter.particles=60. Can be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
-    pub(crate) set: Vec<String>,
+    pub set: Vec<String>,
     /// Seed of all random draws.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
-    pub(crate) seed: Option<u64>,
+    pub seed: Option<u64>,
 }
 
 impl Settings {
@@ -55,7 +55,7 @@ impl Settings {
     ///
     /// # Errors
     /// The file cannot be read; whatever is wrong with a setting.
-    pub(crate) fn resolve(&self, robot: Option<&RobotConfig>) -> anyhow::Result<Config> {
+    pub fn resolve(&self, robot: Option<&RobotConfig>) -> anyhow::Result<Config> {
         let mut layers: Vec<Layer> = robot.map(Layer::from_robot).into_iter().collect();
         layers.push(self.preset.layer());
         if let Some(path) = &self.config {

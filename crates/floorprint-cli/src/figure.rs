@@ -35,6 +35,12 @@ pub(crate) fn map_colors(map: &Raster<Occupancy>) -> Vec<Color> {
     map.cells.iter().map(color).collect()
 }
 
+/// The map as a picture with a margin and a scale bar.
+#[must_use]
+pub fn map_picture(map: &Raster<Occupancy>) -> Picture {
+    Figure::of_map(map).into_picture()
+}
+
 /// A drawing of a part of the world.
 pub(crate) struct Figure {
     width: usize,

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 /// How a command ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Outcome {
+pub enum Outcome {
     /// All is well.
     Fine,
     /// It could not do what was asked.
@@ -32,13 +32,21 @@ impl std::error::Error for BadArguments {}
 
 impl From<Outcome> for ExitCode {
     fn from(outcome: Outcome) -> Self {
-        Self::from(match outcome {
-            Outcome::Fine => 0,
-            Outcome::Failed => 1,
-            Outcome::BadArguments => 2,
-            Outcome::DataDropped => 3,
+        Self::from(outcome.code())
+    }
+}
+
+impl Outcome {
+    /// The exit code.
+    #[must_use]
+    pub fn code(self) -> u8 {
+        match self {
+            Self::Fine => 0,
+            Self::Failed => 1,
+            Self::BadArguments => 2,
+            Self::DataDropped => 3,
             // What shells give a program that SIGINT ended.
-            Outcome::Interrupted => 130,
-        })
+            Self::Interrupted => 130,
+        }
     }
 }

@@ -13,6 +13,7 @@ use self::certainty::Certainty;
 use self::contradiction::Contradiction;
 use self::kidnapped::Kidnapped;
 pub(crate) use self::loops::Loops;
+use crate::program::Program;
 use crate::solve::Solution;
 use crate::stopwatch::{PhaseTime, ScanCost, Stopwatch, peak_memory_bytes};
 use crate::truth::Errors;
@@ -89,7 +90,7 @@ impl Made {
         let quoted = |word: String| {
             if is_plain(&word) { word } else { format!("'{}'", word.replace('\'', r"'\''")) }
         };
-        let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
+        let words = Program::arguments().iter().map(|word| quoted(word.to_string_lossy().into_owned()));
         let command = std::iter::once("floorprint".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
         Self { date: crate::bench::today(), command }
     }

@@ -1,29 +1,19 @@
 //! `floorprint run`: from a data set to a folder of results.
 
-use crate::check;
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::number::number;
 use crate::outcome::Outcome;
 use crate::report::Report;
 use crate::run_folder;
-use crate::session_keeper::SessionKeeper;
 use crate::snapshots::Snapshots;
-use crate::solve::{Earlier, Start, Surroundings, solve};
-use crate::stopwatch::Stopwatch;
+use crate::solve::Start;
 use crate::summary;
 use crate::terminal::Terminal;
 use crate::topics::Topics;
-use crate::truth::TruthFiles;
-use anyhow::Context as _;
 use clap::Args;
-use floorprint::doctor;
-use floorprint::front_end::FilterKind;
-use floorprint::map::{Occupancy, Raster};
-use floorprint::odometry::Finding;
 use floorprint::simulator::Arrival;
-use floorprint::{Phase, Profiler};
-use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, free_beside, open};
+use floorprint_io::{Contents, OpenOptions, RunFolder, free_beside};
 use std::path::{Path, PathBuf};
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
@@ -56,6 +46,9 @@ pub(crate) struct Arguments {
     /// Largest share of the data that may be dropped; beyond it the exit code is 3.
     #[arg(long, value_name = "SHARE", default_value_t = 0.05, value_parser = number(0.0, 1.0))]
     max_dropped: f64,
+    /// The system refuses more memory than this, megabytes: `batch` asks for it.
+    #[arg(long, value_name = "MB", hide = true)]
+    memory_limit: Option<u64>,
 }
 
 /// How the work is done, whatever is solved.
@@ -78,6 +71,21 @@ pub(crate) struct Work {
 }
 
 impl Work {
+    /// Work of which nothing is written on the way.
+    pub(crate) fn in_memory(threads: Option<u16>, paints_floor: bool) -> Self {
+        Self { threads, no_texture: !paints_floor, snapshots: None, max_expansion: None }
+    }
+
+    /// Whether the floor is painted.
+    pub(crate) fn paints_floor(&self) -> bool {
+        !self.no_texture
+    }
+
+    /// What draws pictures on the way, where they are asked for.
+    pub(crate) fn snapshots(&self) -> Option<Snapshots> {
+        self.snapshots.map(Snapshots::new)
+    }
+
     /// The threads that share the work.
     ///
     /// # Errors
@@ -109,6 +117,9 @@ pub(crate) struct Task<'a> {
 
 /// Runs `floorprint run`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    if let Some(megabytes) = arguments.memory_limit {
+        limit_memory(megabytes)?;
+    }
     let out = arguments.out.clone().unwrap_or_else(|| {
         let name = run_folder::data_set_name(&arguments.path);
         let drive = arguments.drive.map_or(String::new(), |drive| format!("-{drive}"));
@@ -164,82 +175,16 @@ impl Task<'_> {
     }
 
     fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Option<(Report, PathBuf)>> {
-        let mut stopwatch = Stopwatch::start(Phase::Read);
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
         for note in folder.notes() {
             terminal.warn(note);
         }
-        let reading = terminal.busy("reading");
-        let data_set = open(self.path, &self.options);
-        reading.finish_and_clear();
-        let mut data_set = data_set?;
-        let config = self.settings.resolve(Some(&data_set.robot))?;
-        for note in &data_set.notes {
-            terminal.note(note);
-        }
-
-        let symptoms = doctor::examine_numbers(&data_set.records);
-        check::refuse_hopeless(&symptoms, self.path)?;
-        if let Some(arrival) = &self.arrival {
-            data_set.records = arrival.of(data_set.records, config.seed);
-        }
-        let earlier = match self.earlier {
-            Some((path, start)) => Some(Earlier { session: SessionFile::open(path)?.load()?, start }),
-            None => None,
-        };
-        let mut keeper =
-            (config.filter.kind == FilterKind::RaoBlackwellized && config.loop_closure.enabled).then(|| {
-                let notes = vec![("config", config.to_toml()), ("input_sha256", data_set.input_hash.clone())];
-                SessionKeeper::beside(self.out, terminal, notes)
-            });
-        let mut snapshots = self.work.snapshots.map(Snapshots::new);
-        let mut around = Surroundings {
-            terminal,
-            interrupt,
-            profiler: &mut stopwatch,
-            snapshots: snapshots.as_mut(),
-            session: keeper.as_mut(),
-            earlier,
-        };
-        let solution = solve(&data_set, &config, !self.work.no_texture, self.arrival.is_some(), &mut around)
-            .with_context(|| format!("cannot solve {}", self.path.display()))?;
-        let symptoms = [symptoms, doctor::examine_solved(&solution.steps, &data_set.records)].concat();
-        check::tell(&symptoms, terminal);
-        for finding in &solution.summary.findings {
-            if matches!(finding, Finding::Lag { .. }) {
-                terminal.note(&finding.to_string());
-            }
-        }
-        if solution.partial && solution.trajectory.is_empty() {
-            terminal.warn("stopped before the first scan: there is nothing to write");
-            return Ok(None);
-        }
-
+        let Some(mut solved) = self.solve(terminal, interrupt, Some(self.out))? else { return Ok(None) };
         let _writing = terminal.busy("writing");
-        stopwatch.enter(Phase::Evaluate);
-        let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
-        let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
-        report.notes.extend(symptoms.iter().map(check::sentence));
-        if map.resolution_m > config.map.resolution_m {
-            report.notes.push(format!(
-                "what was seen lies so far apart that the map is drawn in cells of {} m instead of {} m",
-                map.resolution_m, config.map.resolution_m
-            ));
-        }
-        report.errors = TruthFiles::beside(self.path).errors(&data_set, &solution, &map, &config, &mut report.notes)?;
-        stopwatch.enter(Phase::Write);
-        if let Some(snapshots) = &snapshots {
-            snapshots.write(&folder.path().join("snapshots"), &solution.steps)?;
-        }
-        // Before the report, by which a complete run is known.
-        if let Some(keeper) = keeper {
-            let floor = solution.floor.as_ref().map(|floor| &floor.map);
-            let layers = Layers { session: &solution.session, map: &map, floor };
-            keeper.finish(&layers, &config.matcher, &folder.path().join("session.gpkg"))?;
-        }
-        run_folder::write(folder.path(), &mut report, &solution, &map, &config, &mut stopwatch)?;
+        solved.write(folder.path())?;
         interrupt.is_finishing();
+        let report = solved.report;
         let out =
             if report.partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };
         if out != *self.out && report.partial {
@@ -250,9 +195,18 @@ impl Task<'_> {
     }
 }
 
-/// The map of a drive on which nothing was seen: one unknown cell.
-fn nothing_seen(resolution_m: f64) -> Raster<Occupancy> {
-    Raster { width: 1, height: 1, resolution_m, origin_m: [0.0, 0.0], cells: vec![Occupancy::Unknown] }
+/// Has the system refuse this process more memory; what then asks for it ends the process.
+#[cfg(target_os = "linux")]
+fn limit_memory(megabytes: u64) -> anyhow::Result<()> {
+    use nix::sys::resource::{Resource, setrlimit};
+    let bytes = megabytes.saturating_mul(1_000_000);
+    // Data, not addresses: threads reserve far more of those than they ever use.
+    Ok(setrlimit(Resource::RLIMIT_DATA, bytes, bytes)?)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn limit_memory(_megabytes: u64) -> anyhow::Result<()> {
+    Ok(())
 }
 
 #[cfg(test)]

@@ -47,7 +47,7 @@ pub(crate) fn write(
 }
 
 /// The map with dead reckoning and the trajectory.
-fn with_trajectories(map: &Raster<Occupancy>, solution: &Solution) -> Figure {
+pub(crate) fn with_trajectories(map: &Raster<Occupancy>, solution: &Solution) -> Figure {
     let mut figure = Figure::of_map(map);
     let points =
         |poses: &[StampedPose]| poses.iter().map(|stamped| [stamped.pose.x, stamped.pose.y]).collect::<Vec<_>>();

@@ -2,6 +2,7 @@
 
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
+use crate::watcher::Watcher;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use floorprint::simulator::{SimulatedDrive, SimulationConfig, World, simulate};
@@ -83,6 +84,20 @@ pub(crate) fn write(
     write_ece276a(out, drive, number, replace, &mut show)?;
     progress.finish_and_clear();
     Ok(())
+}
+
+/// Writes a drive in the file layout of the course, told to a watcher.
+///
+/// # Errors
+/// The folder exists, unless it holds a simulation and is to be replaced; it cannot be written.
+pub fn write_simulation(
+    drive: &SimulatedDrive,
+    out: &Path,
+    number: u32,
+    replace: bool,
+    watcher: &Watcher,
+) -> anyhow::Result<()> {
+    write(drive, out, number, replace, &watcher.terminal())
 }
 
 #[cfg(test)]

@@ -21,56 +21,56 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// What a drive amounts to.
-pub(crate) struct Solution {
+pub struct Solution {
     /// What each step of the filter said.
-    pub(crate) steps: Vec<StepReport>,
+    pub steps: Vec<StepReport>,
     /// The body's pose at every scan; the first is the identity.
-    pub(crate) trajectory: Vec<StampedPose>,
+    pub trajectory: Vec<StampedPose>,
     /// Dead reckoning at every scan.
-    pub(crate) odometry: Vec<StampedPose>,
+    pub odometry: Vec<StampedPose>,
     /// Every comparison of places that were passed more than once.
-    pub(crate) closures: Vec<ClosureReport>,
+    pub closures: Vec<ClosureReport>,
     /// How uncertain each pose is; empty where nothing is known of it.
-    pub(crate) uncertainties: Vec<Uncertainty>,
+    pub uncertainties: Vec<Uncertainty>,
     /// Where the robot was carried elsewhere.
-    pub(crate) kidnappings: Vec<Kidnapping>,
+    pub kidnappings: Vec<Kidnapping>,
     /// The pose graph of the submaps, where loops were closed.
-    pub(crate) graph: Option<PoseGraph>,
+    pub graph: Option<PoseGraph>,
     /// The true length of what the odometry states as one, where that was learnt.
-    pub(crate) odometry_scale: Option<f64>,
+    pub odometry_scale: Option<f64>,
     /// All of it, to be gone on with.
-    pub(crate) session: Session,
+    pub session: Session,
     /// The occupancy grid.
-    pub(crate) map: OccupancyGrid,
+    pub map: OccupancyGrid,
     /// The painted floor, where there were images.
-    pub(crate) floor: Option<Floor>,
+    pub floor: Option<Floor>,
     /// What became of the records.
-    pub(crate) summary: SynchronisationSummary,
+    pub summary: SynchronisationSummary,
     /// Scans that the filter could not use, with the reason.
-    pub(crate) refused: BTreeMap<String, usize>,
+    pub refused: BTreeMap<String, usize>,
     /// How long each scan took.
     pub(crate) scan_times: ScanTimes,
     /// How long the end took, from the last scan to the final map, seconds.
-    pub(crate) finish_s: f64,
+    pub finish_s: f64,
     /// Whether the user stopped the work before its end.
-    pub(crate) partial: bool,
+    pub partial: bool,
 }
 
 /// The painted floor and what became of the images.
-pub(crate) struct Floor {
+pub struct Floor {
     /// The colours.
-    pub(crate) map: TextureMap,
+    pub map: TextureMap,
     /// The body's pose at each image that shows floor.
-    pub(crate) images: Vec<StampedPose>,
+    pub images: Vec<StampedPose>,
     /// Pairs of images left out because the robot had hardly moved since the one before.
-    pub(crate) nothing_new: usize,
+    pub nothing_new: usize,
     /// Images that were not used, by reason.
-    pub(crate) skipped: BTreeMap<String, usize>,
+    pub skipped: BTreeMap<String, usize>,
 }
 
 impl Floor {
     /// Floor that has a colour, square metres.
-    pub(crate) fn painted_m2(&self) -> f64 {
+    pub fn painted_m2(&self) -> f64 {
         self.map.cells.iter().flatten().count() as f64 * self.map.resolution_m * self.map.resolution_m
     }
 }

@@ -3,6 +3,7 @@
 //! Colours are used on terminals only, and never when `NO_COLOR` is set.
 
 use crate::outcome::{BadArguments, Outcome};
+use crate::watcher::Watcher;
 use anstyle::{AnsiColor, Style};
 use floorprint::config::ConfigError;
 use floorprint::odometry::OdometryError;
@@ -22,12 +23,18 @@ pub(crate) const HEADING: Style = Style::new().bold();
 #[derive(Clone)]
 pub(crate) struct Terminal {
     quiet: bool,
+    watcher: Option<Watcher>,
 }
 
 impl Terminal {
     /// A terminal that shows only errors and results when `quiet`.
     pub(crate) fn new(quiet: bool) -> Self {
-        Self { quiet }
+        Self { quiet, watcher: None }
+    }
+
+    /// No terminal: all is told to a watcher.
+    pub(crate) fn watched(watcher: Watcher) -> Self {
+        Self { quiet: true, watcher: Some(watcher) }
     }
 
     /// Whether nothing is to be said but warnings, errors and what was asked for.
@@ -54,7 +61,10 @@ impl Terminal {
 
     /// Warns, also when quiet: something is wrong with the result.
     pub(crate) fn warn(&self, text: &str) {
-        report(&format!("{WARNING}warning{WARNING:#}: {text}"));
+        match &self.watcher {
+            Some(watcher) => watcher.warn(text),
+            None => report(&format!("{WARNING}warning{WARNING:#}: {text}")),
+        }
     }
 
     /// Explains why the command failed; the error decides the exit code.
@@ -66,13 +76,7 @@ impl Terminal {
             return Outcome::Fine;
         }
         report(&format!("{ERROR}error{ERROR:#}: {error:#}"));
-        let is_about_arguments = |cause: &(dyn std::error::Error + 'static)| {
-            cause.is::<BadArguments>()
-                || cause.is::<ConfigError>()
-                || cause.is::<SimulationError>()
-                || matches!(cause.downcast_ref(), Some(OdometryError::Setting { .. }))
-        };
-        if error.chain().any(is_about_arguments) { Outcome::BadArguments } else { Outcome::Failed }
+        if is_about_arguments(error) { Outcome::BadArguments } else { Outcome::Failed }
     }
 
     /// A bar for `length` steps of work with speed and time left; silent when stderr is no terminal.
@@ -83,9 +87,13 @@ impl Terminal {
         let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
         let speed = |state: &ProgressState, out: &mut dyn fmt::Write| _ = write!(out, "{}", in_words(state.per_sec()));
         let style = style.with_key("speed", speed);
-        ProgressBar::with_draw_target(Some(length as u64), target)
+        let bar = ProgressBar::with_draw_target(Some(length as u64), target)
             .with_style(style.progress_chars("━━╌"))
-            .with_message(task)
+            .with_message(task);
+        if let Some(watcher) = &self.watcher {
+            watcher.show(task, &bar);
+        }
+        bar
     }
 }
 
@@ -100,6 +108,17 @@ impl Terminal {
         bar.enable_steady_tick(Duration::from_millis(100));
         bar
     }
+}
+
+/// Whether arguments or configuration are to blame, rather than data or files.
+#[must_use]
+pub fn is_about_arguments(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.is::<BadArguments>()
+            || cause.is::<ConfigError>()
+            || cause.is::<SimulationError>()
+            || matches!(cause.downcast_ref(), Some(OdometryError::Setting { .. }))
+    })
 }
 
 /// How many a second, with as many digits as can be read.

@@ -41,7 +41,7 @@ pub use g2o::{G2o, read_g2o, write_g2o};
 pub use geotiff::{write_floor_geotiff, write_map_geotiff};
 pub use images::{ImageEntry, ImageIndex};
 pub use map_file::{read_map, write_map, write_raw_map, write_scaled_map};
-pub use picture::{Picture, Pixels, read_png, write_animated_png, write_png};
+pub use picture::{Picture, Pixels, png_bytes, read_png, write_animated_png, write_png};
 pub use regular_file::read_text;
 pub use relations::read_relations;
 pub use replace::{write_file, write_files};

@@ -122,7 +122,10 @@ fn decode_within(bytes: &[u8], free_bytes: f64, max_expansion: f64) -> Result<Pi
 }
 
 /// A picture as the bytes of a PNG file.
-pub(crate) fn png_bytes(picture: &Picture) -> Result<Vec<u8>, png::EncodingError> {
+///
+/// # Errors
+/// It has no pixels, or more than a PNG file can hold.
+pub fn png_bytes(picture: &Picture) -> Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     encode_png(&mut bytes, picture, std::slice::from_ref(picture), 0.0)?;
     Ok(bytes)

@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 
 /// A data set to measure on.
 #[derive(Debug, PartialEq)]
-pub(super) struct DataSet {
+pub(crate) struct DataSet {
     /// Where it lies.
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// What it is called; no two have the same name.
-    pub(super) name: String,
+    pub(crate) name: String,
 }
 
 impl DataSet {
@@ -38,7 +38,7 @@ impl DataSet {
 ///
 /// # Errors
 /// A path does not exist or a folder cannot be listed.
-pub(super) fn find(paths: &[PathBuf]) -> anyhow::Result<Vec<DataSet>> {
+pub(crate) fn find(paths: &[PathBuf]) -> anyhow::Result<Vec<DataSet>> {
     let mut found = Vec::new();
     for path in paths {
         if !path.exists() {

@@ -11,6 +11,7 @@ mod run;
 mod simulated;
 mod table;
 
+pub(crate) use data_sets::{DataSet, find as find_data_sets};
 pub(crate) use gauntlet::{DriveArguments as GauntletDriveArguments, execute_drive as execute_gauntlet_drive};
 pub(crate) use machine::today;
 pub(crate) use simulated::{Arguments as DriveArguments, execute as execute_drive};
@@ -19,13 +20,13 @@ use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
+use crate::program::Program;
 use crate::stopwatch::children_cpu_time_s;
 use crate::terminal::Terminal;
 use crate::topics::Topics;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use data_sets::DataSet;
 use floorprint::config::Preset;
 use floorprint::front_end::FilterKind;
 use floorprint::simulator::World;
@@ -314,7 +315,7 @@ impl Arguments {
 
     /// One run in a process of its own.
     fn measure(&self, case: &Case, preset: &str, seed: u64, interrupt: &Interrupt) -> anyhow::Result<Run> {
-        let mut command = Command::new(env::current_exe()?);
+        let mut command = Program::command()?;
         let out = self.out.join(format!("{}-{preset}-{seed}", case.name()));
         match case {
             Case::DataSet(_) => {

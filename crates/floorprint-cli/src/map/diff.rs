@@ -7,9 +7,7 @@ use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
 use anyhow::Context as _;
 use clap::Args;
-use floorprint::map::{Change, ChangedPatch, Occupancy, OccupancyGrid, Raster, difference};
-use floorprint::session::Session;
-use floorprint::{Config, Slam};
+use floorprint::map::{Change, ChangedPatch, Occupancy, Raster, difference};
 use floorprint_io::{read_map, write_file, write_png};
 use serde_json::json;
 use std::fs;
@@ -80,44 +78,15 @@ impl Arguments {
 
     fn maps_of_sessions(&self) -> anyhow::Result<[Raster<Occupancy>; 2]> {
         let (before, after) = (Stored::load(&self.before)?, Stored::load(&self.after)?);
-        let earlier_frames = before.session.frames();
-        let stamps = |session: &Session| session.poses().iter().map(|pose| pose.stamp_s.to_bits()).collect::<Vec<_>>();
-        let goes_on =
-            stamps(&after.session).starts_with(&stamps(&before.session)) && after.session.frames() > earlier_frames;
-        let both = if goes_on {
-            after.session
-        } else {
-            let merged = Slam::resume(before.session, &before.config)
-                .and_then(|slam| slam.append(&after.session, &before.config))
-                .with_context(|| format!("cannot compare {} and {}", self.before.display(), self.after.display()))?;
-            let result = merged.finish();
-            let place = result.kidnappings.iter().find(|kidnapping| kidnapping.frame == earlier_frames);
-            if place.is_some_and(|kidnapping| kidnapping.found.is_none()) {
-                let (before, after) = (self.before.display(), self.after.display());
-                return Err(BadArguments(format!(
-                    "{after} was not recognised on {before}: how they lie to each other is not known"
-                ))
-                .into());
-            }
-            result.session
-        };
-        let drawn = |earlier: bool| {
-            drawn_of(&both, &before.config, |frame| (frame < earlier_frames) == earlier)
-                .to_raster()
-                .context("nothing was seen in one of the sessions")
-        };
-        Ok([drawn(true)?, drawn(false)?])
+        let maps = before
+            .maps_with(after.session)
+            .with_context(|| format!("cannot compare {} and {}", self.before.display(), self.after.display()))?;
+        maps.ok_or_else(|| {
+            let (before, after) = (self.before.display(), self.after.display());
+            BadArguments(format!("{after} was not recognised on {before}: how they lie to each other is not known"))
+                .into()
+        })
     }
-}
-
-/// The map of some of a session's scans.
-fn drawn_of(session: &Session, config: &Config, is_wanted: impl Fn(usize) -> bool) -> OccupancyGrid {
-    let world_from_bodies = session.world_from_bodies();
-    let mut grid = OccupancyGrid::new(&config.map);
-    for scan in session.scans().iter().filter(|scan| scan.is_drawn && is_wanted(scan.frame)) {
-        grid.draw_scan(&world_from_bodies[scan.frame], &scan.points.unpack());
-    }
-    grid
 }
 
 fn is_session(path: &Path) -> bool {

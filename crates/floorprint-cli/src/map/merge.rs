@@ -1,11 +1,10 @@
 //! `floorprint map merge`.
 
-use super::{Stored, ensure_free};
+use super::{Placement, Stored, ensure_free};
 use crate::outcome::Outcome;
 use crate::terminal::Terminal;
 use anyhow::Context as _;
 use clap::Args;
-use floorprint::Slam;
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -25,16 +24,12 @@ impl Arguments {
     pub(super) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Outcome> {
         ensure_free(&self.out)?;
         let (first, second) = (Stored::load(&self.first)?, Stored::load(&self.second)?);
-        let offset = first.session.frames();
-        let merged = Slam::resume(first.session, &first.config)
-            .and_then(|slam| slam.append(&second.session, &first.config))
+        let (merged, placement) = first
+            .merged(&second.session)
             .with_context(|| format!("cannot merge {} and {}", self.first.display(), self.second.display()))?;
-        let result = merged.finish();
-        let place = result.kidnappings.iter().find(|kidnapping| kidnapping.frame == offset);
-        let is_placed = place.is_none_or(|kidnapping| kidnapping.found.is_some());
-        Stored { session: result.session, config: first.config, floor: first.floor }.save(&self.out)?;
+        merged.save(&self.out)?;
         let mut out = terminal.results();
-        if is_placed {
+        if placement == Placement::Placed {
             writeln!(out, "{} was placed on {}", self.second.display(), self.first.display())?;
         } else {
             writeln!(

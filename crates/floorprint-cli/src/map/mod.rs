@@ -10,9 +10,10 @@ use crate::outcome::Outcome;
 use crate::terminal::Terminal;
 use anyhow::{Context as _, ensure};
 use clap::Subcommand;
+use floorprint::Slam;
 use floorprint::config::{Config, Layer};
-use floorprint::map::{Occupancy, Raster};
-use floorprint::session::Session;
+use floorprint::map::{Occupancy, OccupancyGrid, Raster};
+use floorprint::session::{Session, SessionError};
 use floorprint::texture::TextureMap;
 use floorprint_io::{Layers, SessionFile};
 use std::fs;
@@ -51,16 +52,31 @@ pub(crate) fn execute(command: &Command, terminal: &Terminal) -> anyhow::Result<
 }
 
 /// A session as it lies on the disk.
-struct Stored {
-    session: Session,
+#[derive(Clone)]
+pub struct Stored {
+    /// Poses, key scans, places.
+    pub session: Session,
     /// The configuration it was made with.
-    config: Config,
+    pub config: Config,
     /// The colours of its floor, where it was painted.
-    floor: Option<TextureMap>,
+    pub floor: Option<TextureMap>,
+}
+
+/// Whether a session was recognised on another one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Placement {
+    /// It was: both are in one frame.
+    Placed,
+    /// It was not: how the two lie to each other is not known.
+    Apart,
 }
 
 impl Stored {
-    fn load(path: &Path) -> anyhow::Result<Self> {
+    /// Reads a session's file.
+    ///
+    /// # Errors
+    /// There is none, or it is damaged.
+    pub fn load(path: &Path) -> anyhow::Result<Self> {
         let file = SessionFile::open(path)?;
         let session = file.load()?;
         let notes = file.notes()?;
@@ -73,10 +89,58 @@ impl Stored {
         Ok(Self { session, config, floor: file.floor()? })
     }
 
+    /// This session with `other` looked for on it, without knowing how they lie to each other.
+    ///
+    /// # Errors
+    /// One of them cannot be gone on with.
+    pub fn merged(self, other: &Session) -> Result<(Self, Placement), SessionError> {
+        let offset = self.session.frames();
+        let result = Slam::resume(self.session, &self.config)?.append(other, &self.config)?.finish();
+        let place = result.kidnappings.iter().find(|kidnapping| kidnapping.frame == offset);
+        let is_placed = place.is_none_or(|kidnapping| kidnapping.found.is_some());
+        let placement = if is_placed { Placement::Placed } else { Placement::Apart };
+        Ok((Self { session: result.session, ..self }, placement))
+    }
+
+    /// The maps of this session and of a later one, both in this one's frame. Of a later one that goes on from this one
+    /// it is what the new drives saw; another one is first looked for on this one: `None` if it is not recognised.
+    ///
+    /// # Errors
+    /// One of them cannot be gone on with, or nothing was seen in it.
+    pub fn maps_with(self, later: Session) -> anyhow::Result<Option<[Raster<Occupancy>; 2]>> {
+        let earlier_frames = self.session.frames();
+        let config = self.config.clone();
+        let stamps = |session: &Session| session.poses().iter().map(|pose| pose.stamp_s.to_bits()).collect::<Vec<_>>();
+        let goes_on = stamps(&later).starts_with(&stamps(&self.session)) && later.frames() > earlier_frames;
+        let both = if goes_on {
+            later
+        } else {
+            match self.merged(&later)? {
+                (both, Placement::Placed) => both.session,
+                (_, Placement::Apart) => return Ok(None),
+            }
+        };
+        let drawn = |earlier: bool| {
+            drawn_of(&both, &config, |frame| (frame < earlier_frames) == earlier)
+                .to_raster()
+                .context("nothing was seen in one of the sessions")
+        };
+        Ok(Some([drawn(true)?, drawn(false)?]))
+    }
+
     /// The occupancy map.
-    fn map(&self, path: &Path) -> anyhow::Result<Raster<Occupancy>> {
+    pub(crate) fn map(&self, path: &Path) -> anyhow::Result<Raster<Occupancy>> {
         let map = self.session.map().to_raster();
         map.with_context(|| format!("{}: nothing was seen in this session", path.display()))
+    }
+
+    /// Writes it as a new file where none stands.
+    ///
+    /// # Errors
+    /// A file stands there; nothing was seen in it; the file cannot be written.
+    pub fn save_as_new(&self, path: &Path) -> anyhow::Result<()> {
+        ensure_free(path)?;
+        self.save(path)
     }
 
     /// Writes it as a new file.
@@ -96,6 +160,16 @@ impl Stored {
         }
         written
     }
+}
+
+/// The map of some of a session's scans.
+fn drawn_of(session: &Session, config: &Config, is_wanted: impl Fn(usize) -> bool) -> OccupancyGrid {
+    let world_from_bodies = session.world_from_bodies();
+    let mut grid = OccupancyGrid::new(&config.map);
+    for scan in session.scans().iter().filter(|scan| scan.is_drawn && is_wanted(scan.frame)) {
+        grid.draw_scan(&world_from_bodies[scan.frame], &scan.points.unpack());
+    }
+    grid
 }
 
 /// That nothing stands where a result is to be.

@@ -13,6 +13,7 @@ pub(crate) use drive::{Arguments as DriveArguments, execute as execute_drive};
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::outcome::Outcome;
+use crate::program::Program;
 use crate::terminal::Terminal;
 use anyhow::{Context as _, bail};
 use clap::Args;
@@ -24,7 +25,7 @@ use serde::Serialize;
 use std::fs;
 use std::io::{Read as _, Write as _};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
@@ -188,7 +189,7 @@ fn answer_of(seed: u64, options: &Options, around: &Surroundings<'_>, interrupt:
 }
 
 fn ask(seed: u64, options: &Options, around: &Surroundings<'_>, interrupt: &Interrupt) -> anyhow::Result<Answer> {
-    let mut command = Command::new(std::env::current_exe()?);
+    let mut command = Program::command()?;
     command.args(["gauntlet-drive", &seed.to_string(), "--quiet", "--preset", around.preset]);
     command.args(["--cpu-limit", &options.time_limit.to_string()]);
     for setting in around.set {

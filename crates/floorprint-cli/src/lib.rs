@@ -1,8 +1,13 @@
 //! The command line of Floorprint: one file per command.
+//!
+//! It is a library, so that other programs can bring it: [`run`] is the whole program, and [`solve_drive`] what its
+//! command `run` does before anything is written.
 
+mod batch;
 mod bench;
 mod calibrate;
 mod check;
+mod compare;
 mod config;
 mod demo;
 mod evaluate;
@@ -14,6 +19,7 @@ mod map;
 mod number;
 mod optimize;
 mod outcome;
+mod program;
 mod replay;
 mod report;
 mod run;
@@ -23,15 +29,27 @@ mod shell;
 mod simulate;
 mod snapshots;
 mod solve;
+mod solved;
 mod stopwatch;
 mod summary;
 mod terminal;
 mod topics;
 mod truth;
+mod watcher;
+
+pub use check::{Told, examine_recording};
+pub use config::Settings;
+pub use figure::map_picture;
+pub use map::{Placement, Stored};
+pub use outcome::Outcome;
+pub use program::Program;
+pub use simulate::write_simulation;
+pub use solve::{Floor, Solution};
+pub use solved::{Request, Solved, solve_drive};
+pub use terminal::is_about_arguments;
+pub use watcher::{Progress, Watcher};
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use outcome::Outcome;
-use std::process::ExitCode;
 use terminal::Terminal;
 
 /// Particle-filter SLAM: trajectory, occupancy grid and colour floor map from a robot's drive.
@@ -60,6 +78,7 @@ enum Command {
     Evaluate(evaluate::Command),
     Info(info::Arguments),
     Check(check::Arguments),
+    Compare(compare::Arguments),
     Calibrate(calibrate::Arguments),
     #[command(subcommand)]
     Map(map::Command),
@@ -68,6 +87,7 @@ enum Command {
     Config(config::Command),
     // Boxed: it has many options.
     Bench(Box<bench::Arguments>),
+    Batch(Box<batch::Arguments>),
     /// One simulated drive of `bench`.
     #[command(hide = true)]
     BenchDrive(Box<bench::DriveArguments>),
@@ -89,11 +109,13 @@ impl Command {
             Self::Evaluate(command) => evaluate::execute(command, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Check(arguments) => check::execute(arguments, terminal),
+            Self::Compare(arguments) => compare::execute(arguments, terminal),
             Self::Calibrate(arguments) => calibrate::execute(arguments, terminal),
             Self::Map(command) => map::execute(command, terminal),
             Self::Optimize(arguments) => optimize::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),
             Self::Bench(arguments) => bench::execute(arguments, terminal),
+            Self::Batch(arguments) => batch::execute(arguments, terminal),
             Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),
             Self::GauntletDrive(arguments) => bench::execute_gauntlet_drive(arguments, terminal),
             Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),
@@ -102,14 +124,20 @@ impl Command {
     }
 }
 
-fn main() -> ExitCode {
-    let matches = taking_negative_numbers(Arguments::command()).get_matches();
-    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+/// Runs the command line: parses, executes, and tells what went wrong.
+pub fn run(program: &Program) -> Outcome {
+    program.remember();
+    let matches = taking_negative_numbers(Arguments::command()).try_get_matches_from(program.words());
+    let arguments = match matches.and_then(|matches| Arguments::from_arg_matches(&matches)) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help and versions are such errors, too. Where they cannot be printed nobody is left to be told.
+            let _ = error.print();
+            return if error.exit_code() == 0 { Outcome::Fine } else { Outcome::BadArguments };
+        }
+    };
     let terminal = Terminal::new(arguments.quiet);
-    match arguments.command.execute(&terminal) {
-        Ok(outcome) => outcome.into(),
-        Err(error) => terminal.fail(&error).into(),
-    }
+    arguments.command.execute(&terminal).unwrap_or_else(|error| terminal.fail(&error))
 }
 
 /// Lets every option take a negative number as its value, so that it can say what it expects instead.
