@@ -5,6 +5,7 @@ use crate::configuration::Layers;
 use crate::errors::{OrRaise, failed};
 use crate::recording::Choice;
 use crate::watched::watched;
+use floorprint::calibration::Calibration;
 use floorprint::evaluation::{Alignment, RelationReport, Span, TrajectoryError, TrajectoryErrorOptions};
 use floorprint::simulator::{SimulationConfig, World};
 use floorprint_cli::examine_recording;
@@ -12,6 +13,7 @@ use numpy::PyReadonlyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde_json::json;
 use std::path::PathBuf;
 
 /// Errors of a trajectory against the true one, as JSON.
@@ -73,6 +75,23 @@ pub(crate) fn check(py: Python<'_>, path: PathBuf, choice: Choice, layers: Layer
     let settings = layers.settings()?;
     let told = py.detach(|| examine_recording(&path, &choice.options(), &settings)).map_err(|error| failed(&error))?;
     serde_json::to_string(&told).or_raise()
+}
+
+/// What a drive tells of the robot, as JSON.
+#[pyfunction]
+pub(crate) fn calibrate(py: Python<'_>, path: PathBuf, choice: Choice, layers: Layers) -> PyResult<String> {
+    let settings = layers.settings()?;
+    let calibration = py.detach(|| {
+        let data_set = floorprint_io::open(&path, &choice.options())?;
+        let config = settings.resolve(Some(&data_set.robot))?;
+        anyhow::Ok(Calibration::of(&data_set.records, &config)?)
+    });
+    let Calibration { parameters, stretches, residual: [residual_m, residual_rad], .. } =
+        calibration.map_err(|error| failed(&error))?;
+    let told = json!({
+        "stretches": stretches, "residual_m": residual_m, "residual_rad": residual_rad, "parameters": parameters,
+    });
+    Ok(told.to_string())
 }
 
 /// Simulates a drive into a folder; gives its length in seconds.

@@ -25,7 +25,7 @@ mod _native {
     use super::configuration::{options, resolve};
     #[pymodule_export]
     use super::evaluation::{
-        check, evaluate_relations, evaluate_trajectory, read_trajectory, simulate, write_trajectory,
+        calibrate, check, evaluate_relations, evaluate_trajectory, read_trajectory, simulate, write_trajectory,
     };
     #[pymodule_export]
     use super::localizer::{LocalizationReport, Localizer};

@@ -37,6 +37,17 @@ def test_errors_are_those_of_evo(drive: Path, result: floorprint.Result, align: 
         assert ours["translation_m"][name] == pytest.approx(error.get_all_statistics()[name], abs=1e-6), name
 
 
+def test_a_drive_tells_of_the_robot(drive: Path) -> None:
+    told = floorprint.calibrate(drive)
+    assert told["stretches"] > 5 and 0.0 < told["residual_m"] < 0.1
+    parameters = {parameter["key"]: parameter for parameter in told["parameters"]}
+    assert all(parameter["sigma"] > 0.0 for parameter in parameters.values() if parameter["is_told"])
+    # What was found is a setting.
+    found = {key: parameter["found"] for key, parameter in parameters.items() if parameter["is_told"]}
+    assert found
+    floorprint.open(drive).config().copy(**found)
+
+
 def test_trajectories_are_read_and_written(result: floorprint.Result, run_folder: Path, tmp_path: Path) -> None:
     poses = floorprint.read_trajectory(run_folder / "trajectory.tum")
     for form in (result.trajectory, result.trajectory_tum):

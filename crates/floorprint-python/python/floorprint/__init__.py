@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from floorprint._config import Config, presets
 from floorprint._errors import ConfigError, DataWarning, Error
-from floorprint._evaluation import check, evaluate, evaluate_relations, simulate
+from floorprint._evaluation import calibrate, check, evaluate, evaluate_relations, simulate
 from floorprint._live import Localizer, Slam
 from floorprint._map import Floor, Map
 from floorprint._native import (
@@ -71,6 +71,7 @@ __all__ = [
     "Session",
     "Slam",
     "StepReport",
+    "calibrate",
     "check",
     "evaluate",
     "evaluate_relations",

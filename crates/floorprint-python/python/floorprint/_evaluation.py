@@ -72,6 +72,29 @@ def check(
     return told
 
 
+def calibrate(
+    path: str | PathLike[str],
+    *,
+    config: Config | None = None,
+    preset: str | None = None,
+    drive: int | None = None,
+    scan: str | Sequence[str] = (),
+    odom: str | None = None,
+    base: str | None = None,
+    **settings: object,
+) -> dict[str, Any]:
+    """What an ordinary drive tells of the robot: wheels, scales, mounts and clocks, with uncertainties.
+
+    Returns:
+        ``parameters``, each a dictionary with the option's ``key``, ``before``, ``found``, ``sigma``, ``unit``, and
+        whether it ``is_told`` by this drive; over how many ``stretches`` motions were compared, and by how much they
+        differ: ``residual_m``, ``residual_rad``.
+    """
+    layers = configuration(config, preset, settings).layers
+    told: dict[str, Any] = json.loads(_native.calibrate(path, choice(drive, scan, odom, None, base, None), layers))
+    return told
+
+
 def simulate(
     out: str | PathLike[str],
     *,
