@@ -245,7 +245,7 @@ impl Task<'_> {
 }
 
 /// The map of a drive on which nothing was seen: one unknown cell.
-fn nothing_seen(resolution_m: f64) -> Raster<Occupancy> {
+pub(crate) fn nothing_seen(resolution_m: f64) -> Raster<Occupancy> {
     Raster { width: 1, height: 1, resolution_m, origin_m: [0.0, 0.0], cells: vec![Occupancy::Unknown] }
 }
 

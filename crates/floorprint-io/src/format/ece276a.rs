@@ -157,6 +157,7 @@ impl Drive {
             notes: self.notes,
             input_hash: self.hash.finish(),
             bag: None,
+            live: None,
         })
     }
 
