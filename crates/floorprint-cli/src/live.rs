@@ -23,9 +23,10 @@ use floorprint::Config;
 use floorprint::front_end::FilterKind;
 use floorprint::localization::{Localizer, Start};
 use floorprint::odometry::OdometryCorrections;
+use floorprint::sensors::Record;
 use floorprint_io::ros::{LiveSession, Recorder};
 use floorprint_io::{SessionFile, free_beside};
-use floorprint_live::{Board, Counts, Engine, Event, Inbox, MapPicture, Mode, Picture, Situation, Step};
+use floorprint_live::{Board, Counts, Delays, Engine, Event, Inbox, MapPicture, Mode, Picture, Situation, Step};
 use housekeeper::Housekeeper;
 pub(crate) use page::Page;
 use results::Results;
@@ -120,11 +121,13 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         }
         None => None,
     };
-    let results = arguments.results(&config, terminal)?;
+    let out = arguments.out();
+    let results = out.as_deref().map(|out| Results::create(out, &config, arguments.force)).transpose()?;
     if let Some(results) = &results {
         interrupt.removes(results.folder());
+        results.notes().iter().for_each(|note| terminal.warn(note));
     }
-    let keeper = arguments.keeper(&config, terminal)?;
+    let keeper = arguments.keeper(out.as_deref(), &config, terminal)?;
     arguments.page.show(&board, terminal)?;
     source.announce(&board)?;
     let closed = Arc::clone(&inbox);
@@ -176,36 +179,34 @@ impl Arguments {
         Ok((engine, board(Mode::Mapping)))
     }
 
-    /// The folder of the results, where there is to be one.
-    fn results(&self, config: &Config, terminal: &Terminal) -> anyhow::Result<Option<Results>> {
-        let out = match &self.out {
-            Some(out) => out.clone(),
-            None if self.session.is_some() || self.map.is_some() => return Ok(None),
-            None => {
-                let name = self.play.as_deref().map_or_else(String::new, |path| run_folder::data_set_name(path) + "-");
-                let plain = Path::new("runs").join(format!("{name}live"));
-                if plain.exists() && !self.force { free_beside(&plain) } else { plain }
-            }
-        };
-        let results = Results::create(&out, config, self.force)?;
-        results.notes().iter().for_each(|note| terminal.warn(note));
-        Ok(Some(results))
+    /// Where the results go, where there are to be any.
+    fn out(&self) -> Option<PathBuf> {
+        if self.out.is_some() || self.session.is_some() || self.map.is_some() {
+            return self.out.clone();
+        }
+        let name = self.play.as_deref().map_or_else(String::new, |path| run_folder::data_set_name(path) + "-");
+        let plain = Path::new("runs").join(format!("{name}live"));
+        Some(if plain.exists() && !self.force { free_beside(&plain) } else { plain })
     }
 
     /// Who keeps the session safe; nobody does where a finished map is used, or by a filter that leaves no session.
-    fn keeper(&self, config: &Config, terminal: &Terminal) -> anyhow::Result<Option<SessionKeeper>> {
+    fn keeper(
+        &self,
+        out: Option<&Path>,
+        config: &Config,
+        terminal: &Terminal,
+    ) -> anyhow::Result<Option<SessionKeeper>> {
         let leaves_session = config.filter.kind == FilterKind::RaoBlackwellized && config.loop_closure.enabled;
         let notes = vec![("config", config.to_toml())];
-        Ok(match (&self.session, &self.out) {
+        Ok(match (&self.session, out) {
             _ if self.map.is_some() => None,
             (Some(path), _) if leaves_session => Some(SessionKeeper::in_place(path, terminal, notes)?),
             (Some(_), _) => {
                 let message = "--session needs filter.kind = \"rao_blackwellized\" with loop_closure.enabled";
                 return Err(BadArguments(message.to_owned()).into());
             }
-            (None, _) if !leaves_session => None,
-            (None, Some(out)) => Some(SessionKeeper::beside(out, terminal, notes)),
-            (None, None) => Some(SessionKeeper::beside(&Path::new("runs").join("live"), terminal, notes)),
+            (None, Some(out)) if leaves_session => Some(SessionKeeper::beside(out, terminal, notes)),
+            (None, _) => None,
         })
     }
 }
@@ -228,14 +229,19 @@ impl Session<'_> {
         mut results: Option<Results>,
     ) -> anyhow::Result<Outcome> {
         let terminal = self.terminal;
-        let (mut counts, mut told) = (Counts::default(), Instant::now());
+        let (mut tally, mut told) = (Tally::default(), Instant::now());
         let housekeeper = Housekeeper::new(self.config, self.board);
         let keeper = std::thread::scope(|scope| {
             let keeping = scope.spawn(|| housekeeper.keep(keeper));
             let worked = (|| {
+                // What was seen before is shown before anything new is.
+                housekeeper.look_at(&mut engine);
                 while let Some(event) = self.board.inbox.next() {
                     let record = match event {
-                        Event::Record(record) => record,
+                        Event::Record(record, came) => {
+                            tally.begin(&record, came);
+                            record
+                        }
                         Event::Start(start) => {
                             engine.set_start(start);
                             continue;
@@ -247,45 +253,44 @@ impl Session<'_> {
                         terminal.warn(&format!("nothing is recorded any more: {error}"));
                         recorder = None;
                     }
-                    counts.records += 1;
                     let steps = engine.push(record)?;
-                    self.show(&engine, steps, &mut counts, results.as_mut());
+                    self.show(&engine, steps, &mut tally, results.as_mut());
                     housekeeper.look_at(&mut engine);
                     if told.elapsed() > TOLD_EVERY {
                         told = Instant::now();
-                        self.tell(&counts);
+                        self.tell();
                     }
                 }
                 let steps = engine.flush()?;
-                self.show(&engine, steps, &mut counts, results.as_mut());
+                self.show(&engine, steps, &mut tally, results.as_mut());
                 anyhow::Ok(())
             })();
             housekeeper.stop();
             let keeper = keeping.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             worked.map(|()| keeper)
         })?;
-        self.tell(&counts);
+        self.tell();
         if let Some(recorder) = recorder {
             recorder.finish()?;
         }
-        let ended = results::end(engine, keeper, results, counts, self)?;
+        let ended = results::end(engine, keeper, results, &tally, self)?;
         Ok(if self.interrupt.requested() && !ended { Outcome::Interrupted } else { Outcome::Fine })
     }
 
-    fn show(&self, engine: &Engine, steps: Vec<Step>, counts: &mut Counts, mut results: Option<&mut Results>) {
-        counts.steps += steps.len();
-        counts.lost = self.board.inbox.lost();
-        counts.refused = engine.refused();
+    fn show(&self, engine: &Engine, steps: Vec<Step>, tally: &mut Tally, mut results: Option<&mut Results>) {
+        tally.end(&steps);
+        tally.counts.lost = self.board.inbox.lost();
+        tally.counts.refused = engine.refused();
         if let (Some(results), Mode::Localization) = (&mut results, self.board.mode) {
             results.add(&steps);
         }
         let newest = steps.into_iter().next_back().map(Arc::new);
         let odometry = engine.odometry().map(|stamped| (stamped.stamp_s, stamped.pose));
         let step = newest.or_else(|| self.board.situation().step.clone());
-        self.board.show(Situation { step, odometry, counts: *counts, at: Instant::now() });
+        self.board.show(Situation { step, odometry, counts: tally.counts, delays: tally.delays.summary() });
     }
 
-    fn tell(&self, counts: &Counts) {
+    fn tell(&self) {
         let situation = self.board.situation();
         let Some(step) = &situation.step else { return };
         let place = match step.pose {
@@ -294,10 +299,33 @@ impl Session<'_> {
             }
             _ => "lost".to_owned(),
         };
-        let lost = match counts.lost.scans {
+        let lost = match situation.counts.lost.scans {
             0 => String::new(),
             scans => format!("; {scans} scans lost: the machine does not keep up"),
         };
-        self.terminal.say(&format!("{} scans, {place}{lost}", counts.steps));
+        self.terminal.say(&format!("{} scans, {place}{lost}", situation.counts.steps));
+    }
+}
+
+/// What is counted and measured in a session.
+#[derive(Default)]
+struct Tally {
+    counts: Counts,
+    delays: Delays,
+}
+
+impl Tally {
+    /// A record came.
+    fn begin(&mut self, record: &Record, came: Instant) {
+        self.counts.records += 1;
+        if let Record::Scan(scan) = record {
+            self.delays.begin(scan.stamp_s, came);
+        }
+    }
+
+    /// Scans have their poses.
+    fn end(&mut self, steps: &[Step]) {
+        self.counts.steps += steps.len();
+        steps.iter().for_each(|step| self.delays.end(step.stamp_s));
     }
 }

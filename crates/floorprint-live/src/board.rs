@@ -1,11 +1,11 @@
 //! What everybody may see of a live session: the newest step, and the picture of map and trajectory.
 
+use crate::delays::DelaySummary;
 use crate::engine::Step;
 use crate::inbox::{Inbox, Lost};
 use crate::map_picture::MapPicture;
 use floorprint::geometry::Pose2;
 use std::sync::Arc;
-use std::time::Instant;
 use tokio::sync::watch;
 
 /// What a session does.
@@ -20,7 +20,7 @@ pub enum Mode {
 }
 
 /// The newest of all that changes with each scan.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Situation {
     /// What became of the newest scan; `None` before the first.
     pub step: Option<Arc<Step>>,
@@ -28,14 +28,8 @@ pub struct Situation {
     pub odometry: Option<(f64, Pose2)>,
     /// What is counted.
     pub counts: Counts,
-    /// When it was told.
-    pub at: Instant,
-}
-
-impl Default for Situation {
-    fn default() -> Self {
-        Self { step: None, odometry: None, counts: Counts::default(), at: Instant::now() }
-    }
+    /// How long scans take to their pose.
+    pub delays: DelaySummary,
 }
 
 /// What is counted in a session.

@@ -5,6 +5,7 @@ use floorprint::sensors::Record;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// So many scans may wait. An engine that keeps up has one; the rest bridges a pause of the machine (0.4 s at 40 Hz).
 const MOST_SCANS: usize = 16;
@@ -14,8 +15,8 @@ const MOST_READINGS: usize = 4096;
 /// Something for the engine.
 #[derive(Debug)]
 pub enum Event {
-    /// A sensor's message.
-    Record(Record),
+    /// A sensor's message, and when it came.
+    Record(Record, Instant),
     /// Somebody says where the robot is; only a localizer listens.
     Start(Start),
 }
@@ -71,7 +72,7 @@ impl State {
 }
 
 fn is_scan(event: &Event) -> bool {
-    matches!(event, Event::Record(Record::Scan(_)))
+    matches!(event, Event::Record(Record::Scan(_), _))
 }
 
 impl Inbox {
@@ -87,7 +88,7 @@ impl Inbox {
         if state.is_closed || skipped(&mut state, &record) {
             return;
         }
-        let event = Event::Record(record);
+        let event = Event::Record(record, Instant::now());
         if is_scan(&event) && state.scans >= MOST_SCANS {
             state.drop_oldest(true);
         } else if !is_scan(&event) && state.waiting.len() - state.scans >= MOST_READINGS {
@@ -104,7 +105,7 @@ impl Inbox {
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
         if !state.is_closed && !skipped(&mut state, &record) {
-            state.push(Event::Record(record));
+            state.push(Event::Record(record, Instant::now()));
             self.changed.notify_all();
         }
         !state.is_closed
@@ -197,7 +198,7 @@ mod tests {
         inbox.close();
         std::iter::from_fn(|| inbox.next())
             .filter_map(|event| match event {
-                Event::Record(record) => Some(record.stamp_s()),
+                Event::Record(record, _) => Some(record.stamp_s()),
                 Event::Start(_) => None,
             })
             .collect()

@@ -5,6 +5,7 @@
 //! of viewers look, each at its own pace.
 
 mod board;
+mod delays;
 mod engine;
 mod http;
 mod inbox;
@@ -15,6 +16,7 @@ mod playback;
 pub mod ros2;
 
 pub use board::{Board, Counts, Line, Mode, Picture, Situation};
+pub use delays::{DelaySummary, Delays};
 pub use engine::{Engine, EngineError, Step, Whereabouts, resume};
 pub use http::{AccessError, Server, ServerError, Token};
 pub use inbox::{Event, Inbox, Lost};

@@ -32,7 +32,7 @@ struct State {
 
 impl<'a> Housekeeper<'a> {
     pub(super) fn new(config: &'a Config, board: &'a Board) -> Self {
-        let state = State { session: None, due: Some(Instant::now() + PERIOD), is_over: false };
+        let state = State { session: None, due: Some(Instant::now()), is_over: false };
         Self { config, board, state: Mutex::new(state), changed: Condvar::new() }
     }
 

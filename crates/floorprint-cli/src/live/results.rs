@@ -1,13 +1,13 @@
 //! What a live session leaves: its session, trajectory and map, in a folder that appears whole or not at all.
 
-use super::Session;
+use super::{Session, Tally};
 use crate::run::nothing_seen;
 use crate::session_keeper::SessionKeeper;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
 use floorprint::{Config, Slam, SlamResult};
 use floorprint_io::{Contents, Layers, RunFolder, write_file, write_map, write_trajectory};
-use floorprint_live::{Counts, Engine, Step};
+use floorprint_live::{DelaySummary, Engine, Step};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::channel;
@@ -35,6 +35,8 @@ struct Report {
     records: usize,
     scans: usize,
     lost: floorprint_live::Lost,
+    /// From a scan's coming in to its pose.
+    delays: DelaySummary,
     refused: usize,
     synchronisation: floorprint::odometry::SynchronisationSummary,
 }
@@ -77,10 +79,11 @@ pub(super) fn end(
     mut engine: Engine,
     keeper: Option<SessionKeeper>,
     results: Option<Results>,
-    counts: Counts,
+    tally: &Tally,
     session: &Session<'_>,
 ) -> anyhow::Result<bool> {
     let Session { config, terminal, interrupt, board } = *session;
+    let counts = tally.counts;
     let mut keeper = keeper;
     // First of all what was seen is made safe.
     if let (Some(keeper), Some(session)) = (&mut keeper, engine.session()) {
@@ -135,6 +138,7 @@ pub(super) fn end(
         records: counts.records,
         scans: counts.steps,
         lost: counts.lost,
+        delays: tally.delays.summary(),
         refused: counts.refused,
         synchronisation: summary,
     };

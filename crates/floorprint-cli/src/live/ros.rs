@@ -147,8 +147,11 @@ impl RosSource {
 
     /// Puts what comes into the inbox until the session is to end.
     pub(super) fn feed(mut self, inbox: &Inbox, interrupt: &Interrupt) {
+        // What came while roles were open comes in one burst, of which nothing is to be lost.
         for record in std::mem::take(&mut self.decision.records) {
-            inbox.offer(record);
+            if !inbox.send(record) {
+                return;
+            }
         }
         while !interrupt.requested() {
             match self.listener.next(PATIENCE) {

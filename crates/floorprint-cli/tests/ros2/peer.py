@@ -182,9 +182,11 @@ def main():
                     found["parent"] = transform.header.frame_id
         for message in poses.take(1000):
             found["poses"] += 1
-            found["pose"] = [message.pose.pose.position.x, message.pose.pose.position.y]
+            found.setdefault("first", [seconds(message), message.pose.pose.position.x])
+            found["last"] = [seconds(message), message.pose.pose.position.x]
             stamp = round(seconds(message), 3)
-            if stamp in sent_at:
+            # What came first had to wait until it was clear who plays which role.
+            if stamp in sent_at and now - sent_at[stamp] < 0.5:
                 found["latency_ms"].append(1000 * (now - sent_at[stamp]))
         for message in maps.take(10):
             found["maps"] += 1

@@ -26,6 +26,7 @@ use tokio::sync::Semaphore;
 const PAGE: &str = include_str!("page.html");
 const SCRIPT: &str = include_str!("page.js");
 const STYLE: &str = include_str!("page.css");
+const ICON: &str = include_str!("icon.svg");
 
 /// The page takes nothing from anywhere else, and no other page may frame it.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
@@ -84,6 +85,7 @@ impl Api {
             (&Method::GET, "/") => found("text/html; charset=utf-8", PAGE),
             (&Method::GET, "/page.js") => found("text/javascript; charset=utf-8", SCRIPT),
             (&Method::GET, "/page.css") => found("text/css; charset=utf-8", STYLE),
+            (&Method::GET, "/icon.svg") => found("image/svg+xml", ICON),
             (&Method::GET, "/events") => self.events(),
             (&Method::GET, "/map.yaml") => self.map_file(0, "application/yaml", "attachment; filename=\"map.yaml\""),
             (&Method::GET, "/map.pgm") => {

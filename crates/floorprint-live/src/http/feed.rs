@@ -118,6 +118,7 @@ impl Teller {
             "scans": counts.steps,
             "lost": counts.lost,
             "refused": counts.refused,
+            "delay": situation.delays.newest_ms,
         });
         if let (Some(step), Some(all)) = (&situation.step, all.as_object_mut()) {
             let [sigma_m, sigma_rad] =

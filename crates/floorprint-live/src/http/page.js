@@ -58,7 +58,7 @@ function fit() {
   const box = bounds();
   if (!box) return;
   const narrow = canvas.clientWidth <= 640;
-  const right = narrow ? 0 : 290, top = narrow ? 120 : 64, bottom = narrow ? 70 : 16;
+  const right = narrow ? 0 : 320, top = narrow ? 120 : 64, bottom = narrow ? 70 : 16;
   const width = Math.max(canvas.clientWidth - right - 32, 100), height = Math.max(canvas.clientHeight - top - bottom, 100);
   view.scale = Math.min(width / Math.max(box[2] - box[0], 1), height / Math.max(box[3] - box[1], 1));
   view.x = (box[0] + box[2]) / 2 + right / 2 / view.scale;
@@ -221,9 +221,15 @@ function draw() {
         const [x, y] = toScreen(pose[0], pose[1]);
         pen.beginPath();
         pen.ellipse(x, y, 2 * sigma * view.scale, 2 * sigma * view.scale, 0, 0, 2 * Math.PI);
-        pen.globalAlpha = 0.18;
+        pen.globalAlpha = 0.08;
         pen.fillStyle = colors.robot;
         pen.fill();
+        pen.globalAlpha = 0.6;
+        pen.setLineDash([6, 5]);
+        pen.lineWidth = 1.25;
+        pen.strokeStyle = colors.robot;
+        pen.stroke();
+        pen.setLineDash([]);
         pen.globalAlpha = 1;
       }
       arrow(pose, situation.isLost ? colors.bad : colors.robot);
@@ -268,9 +274,11 @@ function takeSituation(next) {
     text("fits-text", `${Math.round(100 * next.fits)} %`);
   }
   text("hypotheses", next.hypotheses ?? "–");
+  text("delay", next.stamp ? `${next.delay.toFixed(1)} ms` : "–");
   text("scans", next.scans ?? "–");
   const lost = next.lost ?? {};
-  text("lost", `${lost.scans ?? 0} scans, ${lost.readings ?? 0} readings`);
+  const losses = [lost.scans && `${lost.scans} scans`, lost.readings && `${lost.readings} readings`].filter(Boolean);
+  text("lost", losses.join(", ") || "nothing");
   element("set-pose").hidden = element("relocalise").hidden = next.mode !== "localization";
   element("pause").hidden = next.mode === "viewing";
   element("pause").setAttribute("aria-pressed", next.paused);
