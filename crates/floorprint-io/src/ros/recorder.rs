@@ -40,7 +40,8 @@ pub struct Recorder {
     active: PathBuf,
     writer: McapWriter<File>,
     channels: BTreeMap<String, u16>,
-    lidars: usize,
+    /// What stands before the first record, at its time.
+    beginning: Option<(String, Transforms<'static>)>,
     geometries: Vec<Arc<ScanGeometry>>,
     flushed: Instant,
     /// Nanoseconds; the file's times do not run back.
@@ -66,25 +67,17 @@ impl Recorder {
         }
         let refused = |error: io::Error| WriteError::io(&active, &error);
         let file = File::create_new(&active).map_err(refused)?;
-        let mut recorder = Self {
+        let text = toml::to_string(session).map_err(|error| refused(io::Error::other(error)))?;
+        Ok(Self {
             path: path.to_path_buf(),
             writer: McapWriter::new(file).map_err(refused)?,
             active: active.clone(),
             channels: BTreeMap::new(),
-            lidars: 1 + session.robot.further_lidars.len(),
+            beginning: Some((text, mounts(&session.robot))),
             geometries: Vec::new(),
             flushed: Instant::now(),
             latest_ns: 0,
-        };
-        let text = toml::to_string(session).map_err(|error| refused(io::Error::other(error)))?;
-        let transforms = mounts(&session.robot, recorder.lidars);
-        let begin = |recorder: &mut Self| {
-            recorder.put(SESSION_TOPIC, &Text(&text), true)?;
-            recorder.put("/tf_static", &transforms, true)?;
-            recorder.writer.flush()
-        };
-        begin(&mut recorder).map_err(refused)?;
-        Ok(recorder)
+        })
     }
 
     /// Appends a record.
@@ -96,6 +89,7 @@ impl Recorder {
             let (seconds, nanoseconds) = seconds_and_nanoseconds(record.stamp_s());
             let stamp_ns = u64::try_from(i64::from(seconds) * 1_000_000_000 + i64::from(nanoseconds)).unwrap_or(0);
             recorder.latest_ns = recorder.latest_ns.max(stamp_ns);
+            recorder.begin()?;
             match record {
                 Record::Scan(scan) => recorder.scan(scan)?,
                 Record::Encoders(reading) => {
@@ -132,12 +126,20 @@ impl Recorder {
     ///
     /// # Errors
     /// When it cannot be written or named.
-    pub fn finish(self) -> Result<(), WriteError> {
+    pub fn finish(mut self) -> Result<(), WriteError> {
+        let begun = self.begin();
         let Self { path, active, writer, .. } = self;
         let refused = |error: io::Error| WriteError::io(&path, &error);
+        begun.map_err(refused)?;
         writer.finish().and_then(|file| file.sync_all()).map_err(refused)?;
         fs::rename(&active, &path).map_err(refused)?;
         sync_folder(path.parent().unwrap_or(Path::new(""))).map_err(refused)
+    }
+
+    fn begin(&mut self) -> io::Result<()> {
+        let Some((session, transforms)) = self.beginning.take() else { return Ok(()) };
+        self.put(SESSION_TOPIC, &Text(&session), true)?;
+        self.put("/tf_static", &transforms, true)
     }
 
     fn scan(&mut self, scan: &Scan) -> io::Result<()> {
@@ -204,7 +206,7 @@ fn lidar_names(sensor: usize) -> (String, String) {
 }
 
 /// Where the LiDARs sit.
-fn mounts(robot: &RobotConfig, lidars: usize) -> Transforms<'static> {
+fn mounts(robot: &RobotConfig) -> Transforms<'static> {
     const FRAMES: [&str; 4] = ["laser", "laser_1", "laser_2", "laser_3"];
     let lidar = |(frame, lidar): (&'static str, &LidarConfig)| Transform {
         header: Header { stamp_s: 0.0, frame: "base_link" },
@@ -212,7 +214,7 @@ fn mounts(robot: &RobotConfig, lidars: usize) -> Transforms<'static> {
         pose: (&lidar.mount).into(),
     };
     let all = std::iter::once(&robot.lidar).chain(&robot.further_lidars);
-    Transforms(FRAMES.into_iter().zip(all.take(lidars)).map(lidar).collect())
+    Transforms(FRAMES.into_iter().zip(all).map(lidar).collect())
 }
 
 /// A scan as ROS has it.

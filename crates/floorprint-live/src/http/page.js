@@ -301,6 +301,7 @@ function takePicture(next) {
   text("name", next.name);
   document.title = next.name + " · Floorprint";
   text("closures", next.mode === "localization" ? "–" : next.closures.length);
+  root.classList.toggle("viewing", next.mode === "viewing");
   if (next.mode === "viewing") for (const id of ["follow", "pause", "set-pose", "relocalise"]) element(id).hidden = true;
   if (!view.fitted && map.revision.size) {
     view.fitted = true;
