@@ -1,6 +1,7 @@
 //! The command line of Floorprint: one file per command.
 
 mod bench;
+mod calibrate;
 mod check;
 mod config;
 mod demo;
@@ -64,6 +65,7 @@ enum Command {
     View(view::Arguments),
     Info(info::Arguments),
     Check(check::Arguments),
+    Calibrate(calibrate::Arguments),
     #[command(subcommand)]
     Map(map::Command),
     Optimize(optimize::Arguments),
@@ -94,6 +96,7 @@ impl Command {
             Self::View(arguments) => view::execute(arguments, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Check(arguments) => check::execute(arguments, terminal),
+            Self::Calibrate(arguments) => calibrate::execute(arguments, terminal),
             Self::Map(command) => map::execute(command, terminal),
             Self::Optimize(arguments) => optimize::execute(arguments, terminal),
             Self::Config(command) => config::execute(command, terminal),

@@ -20,6 +20,7 @@ use clap::Args;
 use floorprint::doctor;
 use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
+use floorprint::odometry::Finding;
 use floorprint::simulator::Arrival;
 use floorprint::{Phase, Profiler};
 use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, free_beside, open};
@@ -205,6 +206,11 @@ impl Task<'_> {
             .with_context(|| format!("cannot solve {}", self.path.display()))?;
         let symptoms = [symptoms, doctor::examine_solved(&solution.steps, &data_set.records)].concat();
         check::tell(&symptoms, terminal);
+        for finding in &solution.summary.findings {
+            if matches!(finding, Finding::Lag { .. }) {
+                terminal.note(&finding.to_string());
+            }
+        }
         if solution.partial && solution.trajectory.is_empty() {
             terminal.warn("stopped before the first scan: there is nothing to write");
             return Ok(None);

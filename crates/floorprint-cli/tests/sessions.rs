@@ -199,3 +199,28 @@ fn a_run_that_is_killed_keeps_its_session() {
     floorprint(&arguments, 0);
     assert!(frames(&format!("{resumed}/session.gpkg")) > before && whole > 0);
 }
+
+/// `tests/golden` holds a session of each version of the file format, as the program of that time wrote it: the drive
+/// "rooms" of 35 m, seed 1. A new version adds its own.
+#[test]
+fn sessions_of_all_earlier_versions_open_and_are_gone_on_with() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden");
+    let folder = tempfile::tempdir().unwrap();
+    let mut versions = 0;
+    for entry in fs::read_dir(golden).unwrap() {
+        let stored = entry.unwrap().path();
+        let name = stored.file_stem().unwrap().to_str().unwrap().to_owned();
+        let session = folder.path().join(format!("{name}.gpkg"));
+        fs::copy(&stored, &session).unwrap();
+        let session = session.to_str().unwrap();
+        let info = floorprint(&["map", "info", session], 0);
+        assert!(info.contains("35.3 m, 190 frames") && info.contains("9, 10 loops closed"), "{name}: {info}");
+        assert!(info.contains("113.4 m² free"), "{name}: {info}");
+        let out = folder.path().join(&name);
+        let arguments = ["run", &at("tuesday"), "--continue", session, "--start", "unknown", "--out"];
+        floorprint(&[&arguments[..], &[out.to_str().unwrap()]].concat(), 0);
+        assert!(frames(out.join("session.gpkg").to_str().unwrap()) > 190);
+        versions += 1;
+    }
+    assert!(versions > 0);
+}

@@ -755,6 +755,46 @@ fn odometry_that_jumps_by_hundreds_of_metres_is_told_and_costs_nothing() {
 
 #[cfg(unix)]
 #[test]
+fn a_drive_calibrates_its_robot_and_the_next_run_takes_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("robot.toml");
+    let told = floorprint(&["calibrate", &drive(), "--out", file.to_str().unwrap()]);
+    assert_eq!(told.status.code(), Some(0), "{}", text(&told.stderr));
+    let table = text(&told.stdout);
+    assert!(table.contains("robot.lidar.mount.x_m") && table.contains("compared over"), "{table}");
+    let written = fs::read_to_string(&file).unwrap();
+    assert!(written.contains("SHA-256") && written.contains("[robot."), "{written}");
+    run(&drive(), &folder.path().join("out"), &["--config", file.to_str().unwrap()]);
+    let json = floorprint(&["calibrate", &drive(), "--json", "-q"]);
+    let told: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    let parameters = told["parameters"].as_array().unwrap();
+    let gyro = parameters.iter().find(|parameter| parameter["key"] == "robot.scale.gyro").unwrap();
+    assert!((gyro["found"].as_f64().unwrap() - 1.0).abs() < 0.02, "{gyro}");
+    let standing = folder.path().join("standing.log");
+    fs::write(&standing, standing_log("2.5")).unwrap();
+    let message = failure(&["calibrate", standing.to_str().unwrap()], 1);
+    assert!(message.contains("stretches of driving") && message.contains("drive for a few minutes"), "{message}");
+}
+
+#[test]
+fn a_recording_is_checked_before_it_becomes_a_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let fine = floorprint(&["check", &drive()]);
+    assert_eq!((fine.status.code(), text(&fine.stdout).contains("nothing seems wrong")), (Some(0), true));
+    let log = folder.path().join("millimetres.log");
+    fs::write(&log, standing_log("2500")).unwrap();
+    let told = floorprint(&["check", log.to_str().unwrap()]);
+    let findings = text(&told.stdout);
+    assert_eq!(told.status.code(), Some(1), "{findings}");
+    assert!(findings.contains("remedy"), "{findings}");
+    let told = floorprint(&["check", log.to_str().unwrap(), "--json"]);
+    let findings: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert!(findings.as_array().is_some_and(|findings| findings.iter().any(|one| one["severity"] == "fatal")));
+    let message = failure(&["run", log.to_str().unwrap(), "--out", folder.path().join("out").to_str().unwrap()], 1);
+    assert!(message.contains("no map can be made"), "{message}");
+}
+
+#[test]
 fn pipes_in_a_data_set_are_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");

@@ -22,13 +22,12 @@ pub fn encoder_log() -> RobotConfig {
             sweep_duration_s: TURN_S * 681.0 / 1024.0,
             stamp_at: StampAt::Middle,
         },
-        further_lidars: Vec::new(),
         wheels: Some(WheelConfig {
             left_m_per_tick: WHEEL_M_PER_TICK,
             right_m_per_tick: WHEEL_M_PER_TICK,
             track_width_m: 2.0 * 0.165,
         }),
-        camera: None,
+        ..RobotConfig::default()
     }
 }
 

@@ -42,7 +42,7 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
     /// As [`new`](Frames::new).
     pub fn of(records: &'a R, config: &Config) -> Result<Self, OdometryError> {
         let readings = Readings::of(records);
-        let survey = Survey::of_readings(&readings, config)?;
+        let survey = Survey::of_readings(records, &readings, config)?;
         let (corrections, findings) = match config.odometry.survey {
             true => (Some(survey.corrections), survey.findings),
             false => (None, Vec::new()),

@@ -5,6 +5,7 @@
 //! give the same bytes for any number of threads.
 
 pub mod back_end;
+pub mod calibration;
 mod compact_scan;
 pub mod config;
 pub mod doctor;

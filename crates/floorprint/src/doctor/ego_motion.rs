@@ -2,10 +2,9 @@
 
 use crate::frame::Frame;
 use crate::geometry::Pose2;
-use crate::scan_matcher::{MatcherConfig, PoseBelief, SearchWindow, match_scan, search};
+use crate::scan_matcher::{MatcherConfig, SearchWindow};
 use crate::slam::StepReport;
-use crate::surface::{SurfaceMap, SurfaceScan};
-use nalgebra::Matrix3;
+use crate::survey::motion_between;
 use rayon::prelude::*;
 
 /// The motion between two scans, by the scans alone.
@@ -31,14 +30,8 @@ const TURN_RAD_S: f64 = 1.6;
 /// The largest window that is searched, metres and radians.
 const WINDOW_M: f64 = 1.6;
 const WINDOW_RAD: f64 = 1.2;
-/// Places of a search that are fitted.
-const CANDIDATES: usize = 3;
-/// Both scans must show this much of the same.
+/// Scan and map must show this much of the same.
 const LEAST_INLIER_SHARE: f64 = 0.7;
-/// Fewer points than this fit anywhere.
-const LEAST_POINTS: usize = 40;
-/// Hardly any prior: directions in which the scans say nothing stay where they are, 1/m² and 1/rad².
-const PRIOR_INFORMATION: f64 = 1e-3;
 
 /// Moments spread over the drive at which two scans fit each other in one way only.
 pub(super) fn ego_motions(frames: &[Frame], matcher: &MatcherConfig) -> Vec<EgoMotion> {
@@ -53,32 +46,16 @@ fn ego_motion(frames: &[Frame], matcher: &MatcherConfig) -> Option<EgoMotion> {
     let earlier = frames.first()?;
     let later = frames.iter().find(|frame| frame.stamp_s - earlier.stamp_s >= APART_S)?;
     let elapsed_s = later.stamp_s - earlier.stamp_s;
-    let thinning = matcher.thinning();
-    let [before, after] = [earlier, later].map(|frame| SurfaceScan::new(&frame.scan, &thinning));
-    if elapsed_s > FARTHEST_APART_S || before.len() < LEAST_POINTS || after.len() < LEAST_POINTS {
+    if elapsed_s > FARTHEST_APART_S {
         return None;
     }
-    let mut map = SurfaceMap::new(matcher.cell_m);
-    map.add_scan(&Pose2::IDENTITY, &before);
     let window = SearchWindow {
         distance_m: (SPEED_M_S * elapsed_s + 0.1).min(WINDOW_M),
         angle_rad: (TURN_RAD_S * elapsed_s + 0.1).min(WINDOW_RAD),
     };
-    let fits = search(&map, &after, &Pose2::IDENTITY, window, CANDIDATES).into_iter().map(|pose| {
-        let prior = PoseBelief { pose, information: Matrix3::identity() * PRIOR_INFORMATION };
-        match_scan(&map, &after, &prior, matcher)
-    });
-    let best = fits.max_by(|a, b| a.inlier_share.total_cmp(&b.inlier_share))?;
-    if best.inlier_share < LEAST_INLIER_SHARE {
-        return None;
-    }
-    let covariance = (best.scan_information + Matrix3::identity() * PRIOR_INFORMATION).try_inverse()?;
+    let (motion, covariance) = motion_between(&earlier.scan, &later.scan, &Pose2::IDENTITY, window, matcher)?;
     let uncertainty = crate::back_end::Uncertainty::of(&covariance);
-    Some(EgoMotion {
-        stamps_s: [earlier.stamp_s, later.stamp_s],
-        motion: best.belief.pose,
-        sigma_m: uncertainty.sigma_m,
-    })
+    Some(EgoMotion { stamps_s: [earlier.stamp_s, later.stamp_s], motion, sigma_m: uncertainty.sigma_m })
 }
 
 /// The same of a drive that was solved: how the tracked pose moved where scans and map fit.

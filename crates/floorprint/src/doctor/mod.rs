@@ -37,9 +37,9 @@ pub fn examine(records: &[Record], config: &Config) -> Vec<Symptom> {
     let mut symptoms = examine_numbers(records);
     // Where no frames can be made, or the scans' numbers make no sense, nothing can be said of the motion.
     let is_readable = symptoms.iter().all(|symptom| symptom.severity() < Severity::Fatal);
-    // Scans as they are: odometry that is wrong would bend them.
+    // Scans as they are: odometry that is wrong would bend them. And clocks as they are.
     let mut as_they_are = config.clone();
-    as_they_are.scan.deskew = false;
+    (as_they_are.scan.deskew, as_they_are.odometry.learn_lag) = (false, false);
     if let (true, Ok(frames)) = (is_readable, Frames::new(records, &as_they_are)) {
         symptoms.extend(motion::examine(&frames, records, config));
     }

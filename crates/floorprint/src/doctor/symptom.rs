@@ -198,16 +198,29 @@ impl Symptom {
                 .to_owned(),
             Self::YawUnits { .. } => "Record the odometry's yaw in radians".to_owned(),
             Self::YawScale { ratio } => {
-                format!("Multiply robot.wheels.track_width_m by {ratio:.3}, or correct the gyro's scale")
+                format!(
+                    "Multiply robot.wheels.track_width_m by {ratio:.3}, or set robot.scale.gyro or \
+                     robot.scale.odometry_turn to {:.3}; `floorprint calibrate` tells more",
+                    1.0 / ratio
+                )
             }
             Self::DistanceScale { ratio } => {
-                format!("Divide the odometry's distances by {ratio:.3}: robot.wheels.left_m_per_tick and right_m_per_tick")
+                format!(
+                    "Divide robot.wheels.left_m_per_tick and right_m_per_tick by {ratio:.3}, or set \
+                     robot.scale.odometry_distance to {:.3}; `floorprint calibrate` tells more",
+                    1.0 / ratio
+                )
             }
             Self::ReverseSignLost { .. } => "Give the odometry the sign of the wheels' direction".to_owned(),
             Self::Late { odometry_by_s } => {
-                format!("Shift the odometry's stamps by {:.0} ms", -1e3 * odometry_by_s)
+                format!(
+                    "Set robot.lag.odometry_s (robot.lag.encoders_s, robot.lag.imu_s where wheels and gyro are used) to \
+                     {odometry_by_s:.3}; `floorprint calibrate` tells more"
+                )
             }
-            Self::MountYaw { off_rad } => format!("Add {off_rad:.4} to robot.lidar.mount.yaw_rad"),
+            Self::MountYaw { off_rad } => {
+                format!("Add {off_rad:.4} to robot.lidar.mount.yaw_rad; `floorprint calibrate` tells more")
+            },
         }
     }
 }

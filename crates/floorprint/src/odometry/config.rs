@@ -22,6 +22,9 @@ pub struct OdometryConfig {
     /// Whether a recorded drive is looked through beforehand for the gyro's bias, the encoders' clock and the track
     /// width; without it they are learnt on the way, as on a live robot.
     pub survey: bool,
+    /// Whether the survey also learns how late the odometry's stamps are beside the LiDAR's, where `robot.lag` does not
+    /// say.
+    pub learn_lag: bool,
 }
 
 impl Default for OdometryConfig {
@@ -33,6 +36,7 @@ impl Default for OdometryConfig {
             repair_encoder_stamps: true,
             delay_s: 0.3,
             survey: true,
+            learn_lag: true,
         }
     }
 }

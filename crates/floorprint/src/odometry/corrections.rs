@@ -1,6 +1,7 @@
 //! What a survey of the whole drive hands to the synchroniser: plain numbers in place of what it would learn itself.
 
 use super::config::OdometrySource;
+use crate::sensors::LagConfig;
 use serde::{Deserialize, Serialize};
 
 /// Corrections of the odometry's sensors that are known beforehand.
@@ -18,6 +19,9 @@ pub struct OdometryCorrections {
     pub gyro_bias: BiasCurve,
     /// The track width at which the wheels' yaw fits the gyro's, metres; `None` when the drive does not show it.
     pub track_width_m: Option<f64>,
+    /// How late the sensors' stamps are beside the LiDAR's.
+    #[serde(default)]
+    pub lag: LagConfig,
 }
 
 /// The clock by which the encoders count.

@@ -61,11 +61,6 @@ impl DeadReckoning {
         self.first
     }
 
-    /// The last knot.
-    pub(super) fn last(&self) -> Option<StampedPose> {
-        self.knots.back().map(Knot::stamped)
-    }
-
     /// Adds a knot that was made known by a record of stamp `known_s` (seconds).
     fn add(&mut self, StampedPose { mut stamp_s, pose }: StampedPose, mut known_s: f64) {
         if let Some(last) = self.knots.back() {

@@ -16,7 +16,7 @@ const STILL_M: f64 = 1e-4;
 /// The body's pose during a sweep, `body_at_stamp_from_body`, as a parabola in the sweep's
 /// own time u, which is −1 at its beginning and 1 at its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct SweepMotion {
+pub(crate) struct SweepMotion {
     middle_s: f32,
     per_half_sweep: f32,
     /// Coefficients of 1, u and u² for x and y (metres) and θ (radians).

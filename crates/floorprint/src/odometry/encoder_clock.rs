@@ -36,7 +36,7 @@ const CATCHES_UP_WITHIN_S: f64 = 10.0;
 
 /// Puts readings back on the encoder's clock, one by one.
 #[derive(Debug)]
-pub(super) struct EncoderClock {
+pub(crate) struct EncoderClock {
     knowledge: Knowledge,
     counted_s: Option<f64>,
     /// Since which stamp all readings have been late, and by how much at the least, seconds.
@@ -58,7 +58,7 @@ enum Knowledge {
 
 impl EncoderClock {
     /// A clock as it was given; without one stamps are right.
-    pub(super) fn given(clock: Option<EncoderClockCorrection>) -> Self {
+    pub(crate) fn given(clock: Option<EncoderClockCorrection>) -> Self {
         Self::knowing(clock.map_or(Knowledge::StampsAreRight, Knowledge::Given))
     }
 
@@ -73,7 +73,7 @@ impl EncoderClock {
     }
 
     /// When the sensor's next reading was counted, seconds: never after its stamp.
-    pub(super) fn counted_s(&mut self, reading: &EncoderReading) -> f64 {
+    pub(crate) fn counted_s(&mut self, reading: &EncoderReading) -> f64 {
         self.learn(reading);
         let stamp_s = reading.stamp_s;
         let (Some(period_s), Some(before_s)) = (self.period_s(), self.counted_s) else {

@@ -44,6 +44,13 @@ pub enum Finding {
         /// The encoder's period, seconds.
         period_s: f64,
     },
+    /// A sensor's clock differs from the LiDAR's.
+    Lag {
+        /// Which one.
+        sensor: Stream,
+        /// By how much its stamps are late, seconds; negative when they are early.
+        late_s: f64,
+    },
     /// A sensor was silent.
     Silence {
         /// Which one.
@@ -105,6 +112,12 @@ impl fmt::Display for Finding {
                 "{readings} encoder readings were stamped late, by up to {:.0} ms: put back on the encoder's clock of {:.2} ms",
                 1e3 * longest_s,
                 1e3 * period_s
+            ),
+            Self::Lag { sensor, late_s } => write!(
+                formatter,
+                "the stamps of the {sensor} are {:.0} ms {} beside the LiDAR's: put right",
+                1e3 * late_s.abs(),
+                if late_s > 0.0 { "late" } else { "early" }
             ),
             Self::Silence { sensor, times: 1, longest_s, from_s } => {
                 write!(formatter, "the {sensor} says nothing for {longest_s:.1} s from {from_s:.3} s on")

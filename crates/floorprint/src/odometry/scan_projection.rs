@@ -63,7 +63,7 @@ impl Projections {
 
 /// Everything about a scanner's rays that stays the same from scan to scan.
 #[derive(Debug, Clone)]
-pub(super) struct ScanProjection {
+pub(crate) struct ScanProjection {
     geometry: Arc<ScanGeometry>,
     origin_m: [f32; 2],
     /// Each ray's direction in the body's frame, projected to the plane.
@@ -83,7 +83,7 @@ pub(super) struct ScanProjection {
 
 impl ScanProjection {
     /// The tables for one geometry.
-    pub(super) fn new(geometry: &Arc<ScanGeometry>, lidar: &LidarConfig, config: &ScanConfig) -> Self {
+    pub(crate) fn new(geometry: &Arc<ScanGeometry>, lidar: &LidarConfig, config: &ScanConfig) -> Self {
         let body_from_lidar = lidar.mount.body_from_sensor();
         let height_m = lidar.mount.z_m;
         let farthest_m = config.range_max_m.min(f64::from(geometry.range_max_m));
@@ -133,7 +133,7 @@ impl ScanProjection {
     }
 
     /// The scan's points in the body's frame at its stamp.
-    pub(super) fn project(&self, scan: &Scan, motion: Option<SweepMotion>) -> BodyScan {
+    pub(crate) fn project(&self, scan: &Scan, motion: Option<SweepMotion>) -> BodyScan {
         let nearest_m = self.nearest_m;
         let hits = self.endpoints(&scan.ranges_m, |range_m, reach_m| range_m >= nearest_m && range_m < reach_m, motion);
         let free_ends = if self.clear_m > 0.0 {

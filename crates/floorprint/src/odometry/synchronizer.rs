@@ -15,6 +15,7 @@ use super::gyro::YawRate;
 use super::scan_projection::Projections;
 use super::scan_queue::{ScanQueue, Wait, Waiting};
 use super::stamp_filter::StampFilter;
+use super::stated_odometry::StatedOdometry;
 use super::summary::{Dropped, SynchronisationSummary};
 use super::wheel_odometry::WheelOdometry;
 use crate::SensorId;
@@ -54,6 +55,9 @@ pub struct Synchronizer {
     imu: StampFilter<ImuReading>,
     poses: StampFilter<StampedPose>,
     remembered_ticks: VecDeque<[u64; 3]>,
+    /// How late the gyro's stamps are, seconds, and what its rates are multiplied by.
+    gyro_lag_s: f64,
+    gyro_scale: f64,
     sources: Sources,
     projections: Projections,
     /// Longest sweep so far, seconds.
@@ -80,9 +84,9 @@ struct Sources {
     chosen: Option<Source>,
     wheels: Option<WheelOdometry>,
     /// Poses of the robot's own odometry.
-    stated: DeadReckoning,
+    stated: StatedOdometry,
     /// Poses that the first LiDAR's scans carry.
-    carried: DeadReckoning,
+    carried: StatedOdometry,
     /// When each was first seen, seconds.
     first_ticks_s: Option<f64>,
     first_yaw_rate_s: Option<f64>,
@@ -130,14 +134,16 @@ impl Synchronizer {
     /// When a setting of `[scan]`, `[odometry]` or `[robot]` cannot work.
     pub fn new(config: &Config, corrections: Option<&OdometryCorrections>) -> Result<Self, OdometryError> {
         validate(config)?;
+        let lag = corrections.map_or(config.robot.lag, |corrections| corrections.lag);
         let wanted = corrections.map_or(config.odometry.source, |corrections| corrections.source);
-        let wheels =
-            config.robot.wheels.as_ref().map(|wheels| {
-                WheelOdometry::new(wheels, wanted != OdometrySource::Wheels, &config.odometry, corrections)
-            });
+        let wheels = config.robot.wheels.as_ref().map(|wheels| {
+            let uses_gyro = wanted != OdometrySource::Wheels;
+            WheelOdometry::new(wheels, uses_gyro, lag.encoders_s, &config.odometry, corrections)
+        });
+        let delay_s = corrections.map_or(config.odometry.delay_s, |corrections| corrections.delay_s);
         Ok(Self {
             every: config.scan.every,
-            delay_s: corrections.map_or(config.odometry.delay_s, |corrections| corrections.delay_s),
+            delay_s: delay_s + lag.largest_s(),
             surveyed: corrections.is_some(),
             clock_s: f64::NEG_INFINITY,
             scans: ScanQueue::new(1 + config.robot.further_lidars.len()),
@@ -145,6 +151,8 @@ impl Synchronizer {
             imu: StampFilter::default(),
             poses: StampFilter::default(),
             remembered_ticks: VecDeque::new(),
+            gyro_lag_s: lag.imu_s,
+            gyro_scale: config.robot.scale.gyro,
             sources: Sources {
                 wanted,
                 chosen: match wanted {
@@ -153,8 +161,8 @@ impl Synchronizer {
                     OdometrySource::Auto | OdometrySource::Log => None,
                 },
                 wheels,
-                stated: DeadReckoning::default(),
-                carried: DeadReckoning::default(),
+                stated: StatedOdometry::new(config.robot.scale, lag.odometry_s),
+                carried: StatedOdometry::new(config.robot.scale, lag.odometry_s),
                 first_ticks_s: None,
                 first_yaw_rate_s: None,
                 first_stated_s: None,
@@ -271,8 +279,9 @@ impl Synchronizer {
                     dropped.odometry_poses += 1;
                 } else if let Some(pose) = scan.odometry.filter(|_| finite && scan.sensor == SensorId::default()) {
                     self.sources.first_carried_s.get_or_insert(scan.stamp_s);
-                    if self.sources.carried.span_s().is_none_or(|[_, last_s]| scan.stamp_s > last_s) {
-                        self.sources.carried.push(StampedPose { stamp_s: scan.stamp_s, pose }, scan.stamp_s);
+                    let newest_s = self.sources.carried.last().map(|last| last.stamp_s);
+                    if newest_s.is_none_or(|newest_s| scan.stamp_s > newest_s) {
+                        self.sources.carried.push(StampedPose { stamp_s: scan.stamp_s, pose });
                     }
                 }
                 let believed_s = self.scans.push(scan, self.clock_s, dropped);
@@ -346,7 +355,10 @@ impl Synchronizer {
     fn take_imu(&mut self, reading: &ImuReading) {
         self.clock_s = self.clock_s.max(reading.stamp_s);
         self.sources.first_yaw_rate_s.get_or_insert(reading.stamp_s);
-        let yaw_rate = YawRate { stamp_s: reading.stamp_s, rate_rad_s: reading.angular_velocity_rad_s[2] };
+        let yaw_rate = YawRate {
+            stamp_s: reading.stamp_s - self.gyro_lag_s,
+            rate_rad_s: self.gyro_scale * reading.angular_velocity_rad_s[2],
+        };
         if let Some(wheels) = &mut self.sources.wheels
             && !wheels.add_yaw_rate(yaw_rate)
         {
@@ -360,7 +372,7 @@ impl Synchronizer {
         match self.sources.stated.last() {
             Some(last) if last == stamped => self.summary.dropped.readings_repeated += 1,
             Some(last) if stamped.stamp_s < last.stamp_s => self.summary.dropped.readings_too_late += 1,
-            _ => self.sources.stated.push(stamped, stamped.stamp_s),
+            _ => self.sources.stated.push(stamped),
         }
     }
 
@@ -482,8 +494,8 @@ impl Sources {
         static NOWHERE: DeadReckoning = DeadReckoning::nowhere();
         match self.chosen {
             Some(Source::Wheels) => self.wheels.as_ref().map_or(&NOWHERE, WheelOdometry::path),
-            Some(Source::Stated) => &self.stated,
-            Some(Source::Carried) => &self.carried,
+            Some(Source::Stated) => self.stated.path(),
+            Some(Source::Carried) => self.carried.path(),
             Some(Source::Nothing) | None => &NOWHERE,
         }
     }
@@ -491,7 +503,7 @@ impl Sources {
     /// The pose that a scan carries, where the log's poses are used.
     fn carried_pose(&self, scan: &Scan) -> Option<Pose2> {
         let uses_log = matches!(self.chosen, Some(Source::Stated | Source::Carried));
-        scan.odometry.filter(|pose| uses_log && pose.is_finite())
+        scan.odometry.filter(|pose| uses_log && !self.carried.corrects() && pose.is_finite())
     }
 
     /// Whether the pose at a scan is known when all that happened until `known_s` (seconds) has arrived.

@@ -24,6 +24,8 @@ const MOST_WAITING: usize = 4096;
 #[derive(Debug)]
 pub(super) struct WheelOdometry {
     wheels: WheelConfig,
+    /// How late the readings' stamps are beside the LiDAR's, seconds.
+    lag_s: f64,
     clock: EncoderClock,
     /// The first reading and when it was counted, until the second tells how long it had counted.
     first: Option<(EncoderReading, f64)>,
@@ -50,11 +52,13 @@ impl WheelOdometry {
     pub(super) fn new(
         wheels: &WheelConfig,
         uses_gyro: bool,
+        lag_s: f64,
         config: &OdometryConfig,
         corrections: Option<&OdometryCorrections>,
     ) -> Self {
         Self {
             wheels: wheels.clone(),
+            lag_s,
             clock: match corrections {
                 Some(corrections) => EncoderClock::given(corrections.encoder_clock.clone()),
                 None if config.repair_encoder_stamps => EncoderClock::learning(),
@@ -80,7 +84,7 @@ impl WheelOdometry {
 
     /// Takes in the wheels' next reading. Stamps that run backwards are held, so that no tick is lost.
     pub(super) fn add_ticks(&mut self, reading: EncoderReading) {
-        let counted_s = self.clock.counted_s(&reading);
+        let counted_s = self.clock.counted_s(&reading) - self.lag_s;
         if let Some(until_s) = self.until_s {
             self.add_step(&reading, until_s, counted_s);
         } else if let Some((first, first_s)) = self.first.take() {
@@ -214,7 +218,7 @@ mod tests {
             readings in prop::collection::vec((-1.0..9.0_f64, -50i32..50, -50i32..50), 1..60),
             uses_gyro in any::<bool>(),
         ) {
-            let mut odometry = WheelOdometry::new(&WHEELS, uses_gyro, &OdometryConfig::default(), None);
+            let mut odometry = WheelOdometry::new(&WHEELS, uses_gyro, 0.0, &OdometryConfig::default(), None);
             let mut distance_m = 0.0;
             for (stamp_s, left, right) in readings {
                 let (left_ticks, right_ticks) = (f64::from(left), f64::from(right));

@@ -24,7 +24,6 @@ impl RobotConfig {
                 sweep_duration_s: 0.75 * 0.025,
                 stamp_at: StampAt::Middle,
             },
-            further_lidars: Vec::new(),
             wheels: Some(WheelConfig { left_m_per_tick: 0.0022, right_m_per_tick: 0.0022, track_width_m: 0.75 }),
             camera: Some(CameraConfig {
                 mount: Mount {
@@ -49,6 +48,7 @@ impl RobotConfig {
                 depth_min_m: 0.5,
                 depth_max_m: 4.0,
             }),
+            ..Self::default()
         }
     }
 }

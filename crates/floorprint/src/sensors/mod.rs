@@ -12,5 +12,5 @@ pub use encoders::EncoderReading;
 pub use image::{ColorImage, DisparityImage};
 pub use imu::ImuReading;
 pub use record::{Record, Records, StampedPose, Stream};
-pub use robot::{CameraConfig, LidarConfig, RobotConfig, StampAt, WheelConfig};
+pub use robot::{CameraConfig, LagConfig, LidarConfig, RobotConfig, ScaleConfig, StampAt, WheelConfig};
 pub use scan::{Ray, Scan, ScanGeometry};

@@ -22,6 +22,10 @@ pub struct RobotConfig {
     /// The RGB-D camera; absent when there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraConfig>,
+    /// What the numbers of gyro and odometry are multiplied by.
+    pub scale: ScaleConfig,
+    /// How late sensors' stamps are.
+    pub lag: LagConfig,
 }
 
 impl RobotConfig {
@@ -71,6 +75,49 @@ pub struct WheelConfig {
     /// For a skid-steered robot this is larger than the mechanical track.
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub track_width_m: f64,
+}
+
+/// `[robot.scale]`: what readings are multiplied by to be right.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScaleConfig {
+    /// The gyro's yaw rate, its bias taken off.
+    #[schemars(extend("exclusiveMinimum" = 0.0), range(max = 10.0))]
+    pub gyro: f64,
+    /// Distances between the poses that the robot's own odometry states.
+    #[schemars(extend("exclusiveMinimum" = 0.0), range(max = 10.0))]
+    pub odometry_distance: f64,
+    /// Turns between these poses.
+    #[schemars(extend("exclusiveMinimum" = 0.0), range(max = 10.0))]
+    pub odometry_turn: f64,
+}
+
+impl Default for ScaleConfig {
+    fn default() -> Self {
+        Self { gyro: 1.0, odometry_distance: 1.0, odometry_turn: 1.0 }
+    }
+}
+
+/// `[robot.lag]`: how late the stamps of sensors are beside the LiDAR's, seconds; negative when they are early.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LagConfig {
+    /// Of the wheels' encoders.
+    #[schemars(range(min = -2.0, max = 2.0))]
+    pub encoders_s: f64,
+    /// Of the inertial unit.
+    #[schemars(range(min = -2.0, max = 2.0))]
+    pub imu_s: f64,
+    /// Of the robot's own odometry.
+    #[schemars(range(min = -2.0, max = 2.0))]
+    pub odometry_s: f64,
+}
+
+impl LagConfig {
+    /// The largest lag either way, seconds.
+    pub(crate) fn largest_s(&self) -> f64 {
+        self.encoders_s.abs().max(self.imu_s.abs()).max(self.odometry_s.abs())
+    }
 }
 
 /// `[robot.camera]`: mount, intrinsics and disparity model of an RGB-D camera (report eqs. 23–28).

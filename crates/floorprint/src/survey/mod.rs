@@ -5,18 +5,23 @@
 
 mod encoder_clock;
 mod gyro_bias;
+mod lag;
 mod no_return;
 mod readings;
+mod scan_pair;
 mod silence;
 mod track_width;
 
 pub use no_return::no_return_mark_m;
 pub(crate) use readings::Readings;
+pub(crate) use scan_pair::motion_between;
 
+use crate::SensorId;
 use crate::config::Config;
 use crate::odometry::differential_drive::WheelStep;
+use crate::odometry::gyro::YawRate;
 use crate::odometry::{Finding, OdometryCorrections, OdometryError, OdometrySource, median, validate};
-use crate::sensors::{Records, WheelConfig};
+use crate::sensors::{Records, Stream, WheelConfig};
 
 /// What a recording shows when it is looked at as a whole.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,11 +39,15 @@ impl Survey {
     /// When there is no usable scan, when the odometry asked for cannot be made from these records, or when a setting
     /// of `[scan]`, `[odometry]` or `[robot]` cannot work.
     pub fn of<R: Records + ?Sized>(records: &R, config: &Config) -> Result<Self, OdometryError> {
-        Self::of_readings(&Readings::of(records), config)
+        Self::of_readings(records, &Readings::of(records), config)
     }
 
     /// The same of readings that are sorted already.
-    pub(crate) fn of_readings(readings: &Readings, config: &Config) -> Result<Self, OdometryError> {
+    pub(crate) fn of_readings<R: Records + ?Sized>(
+        records: &R,
+        readings: &Readings,
+        config: &Config,
+    ) -> Result<Self, OdometryError> {
         validate(config)?;
         let source = readings.choose_source(config)?;
         if readings.usable_scans == 0 {
@@ -51,9 +60,13 @@ impl Survey {
                 encoder_clock: None,
                 gyro_bias: Default::default(),
                 track_width_m: None,
+                lag: config.robot.lag,
             },
             findings: silence::silences(readings),
         };
+        if config.odometry.learn_lag {
+            survey.look_at_clocks(records, readings, config);
+        }
         match (source, &config.robot.wheels) {
             (OdometrySource::Wheels | OdometrySource::WheelsAndGyro, Some(wheels)) => {
                 survey.look_at_wheels(readings, wheels, config);
@@ -62,20 +75,49 @@ impl Survey {
                 return Err(OdometryError::NoWheelCalibration);
             }
             (OdometrySource::Log, _) => {
-                survey.wait_for(0.0, readings.stated_s.iter().copied());
+                survey.wait_for(0.0, readings.stated.iter().map(|(stamp_s, _)| *stamp_s));
             }
             (OdometrySource::Auto | OdometrySource::ScanMatching, _) => survey.findings.push(Finding::NoOdometry),
         }
         Ok(survey)
     }
 
+    /// Learns the lags that are not configured.
+    fn look_at_clocks<R: Records + ?Sized>(&mut self, records: &R, readings: &Readings, config: &Config) {
+        let corrections = &mut self.corrections;
+        let streams: &[Stream] = match corrections.source {
+            OdometrySource::Log => &[Stream::Odometry],
+            OdometrySource::Wheels => &[Stream::Encoders],
+            // Wheels slip when a turn begins; where a gyro tells the turn, theirs is no matter.
+            OdometrySource::WheelsAndGyro => &[Stream::Imu],
+            OdometrySource::Auto | OdometrySource::ScanMatching => &[],
+        };
+        let scans = readings.times_s((Stream::Scans, SensorId::default()));
+        for &stream in streams {
+            let lag_s = match stream {
+                Stream::Encoders => &mut corrections.lag.encoders_s,
+                Stream::Imu => &mut corrections.lag.imu_s,
+                Stream::Odometry | Stream::Scans => &mut corrections.lag.odometry_s,
+            };
+            if *lag_s != 0.0 {
+                continue;
+            }
+            if let Some(found_s) = lag::find(records, &scans, &readings.turns(stream, config), config) {
+                *lag_s = found_s;
+                self.findings.push(Finding::Lag { sensor: stream, late_s: found_s });
+            }
+        }
+    }
+
     fn look_at_wheels(&mut self, readings: &Readings, wheels: &WheelConfig, config: &Config) {
         let clock = config.odometry.repair_encoder_stamps.then(|| encoder_clock::find(&readings.encoders)).flatten();
-        let counted_s = match &clock {
+        let mut counted_s: Vec<f64> = match &clock {
             Some(clock) => clock.counted_s.clone(),
             None => readings.encoders.iter().map(|reading| reading.stamp_s).collect(),
         };
         self.wait_for(clock.as_ref().map_or(0.0, |clock| clock.longest_s), counted_s.iter().copied());
+        let (scale, lag) = (&config.robot.scale, self.corrections.lag);
+        counted_s.iter_mut().for_each(|counted_s| *counted_s -= lag.encoders_s);
         let steps = steps(readings, &counted_s, wheels);
         if let Some(clock) = clock {
             self.findings.extend(clock.finding);
@@ -85,9 +127,14 @@ impl Survey {
             self.findings.push(Finding::NoImu);
             return;
         }
-        let (bias, finding) = gyro_bias::find(config.odometry.gyro_bias, &steps, &readings.yaw_rates);
+        let yaw_rates: Vec<YawRate> = readings
+            .yaw_rates
+            .iter()
+            .map(|rate| YawRate { stamp_s: rate.stamp_s - lag.imu_s, rate_rad_s: scale.gyro * rate.rate_rad_s })
+            .collect();
+        let (bias, finding) = gyro_bias::find(config.odometry.gyro_bias, &steps, &yaw_rates);
         self.findings.extend(finding);
-        let fitted_m = track_width::find(&steps, &readings.yaw_rates, &bias);
+        let fitted_m = track_width::find(&steps, &yaw_rates, &bias);
         let stated_m = wheels.track_width_m;
         self.findings.extend(fitted_m.map(|fitted_m| Finding::TrackWidth { fitted_m, stated_m }));
         self.corrections.gyro_bias = bias;

@@ -1,7 +1,9 @@
 //! The readings of a recording by sensor, without the scans' ranges.
 
+use super::lag::Turns;
 use crate::SensorId;
 use crate::config::Config;
+use crate::geometry::wrap_angle;
 use crate::odometry::gyro::YawRate;
 use crate::odometry::{LEAP_S, OdometryError, OdometrySource, confirms, is_complete};
 use crate::sensors::{EncoderReading, Record, Records, Stream};
@@ -12,10 +14,12 @@ pub(crate) struct Readings {
     pub(super) encoders: Vec<EncoderReading>,
     /// By their stamps, which increase.
     pub(super) yaw_rates: Vec<YawRate>,
-    /// Stamps of the robot's own odometry, seconds.
-    pub(super) stated_s: Vec<f64>,
+    /// Stamps of the robot's own odometry, seconds, and its headings, radians.
+    pub(super) stated: Vec<(f64, f64)>,
+    /// The same of the poses that the first LiDAR's scans carry.
+    carried: Vec<(f64, f64)>,
     /// Whether any scan carries a pose.
-    carried: bool,
+    is_carried: bool,
     /// Scans that can become frames.
     pub(crate) usable_scans: usize,
     /// Sensor and stamp of every record.
@@ -41,7 +45,11 @@ impl Readings {
         let finite = stamp_s.is_finite();
         match record {
             Record::Scan(scan) => {
-                self.carried |= finite && scan.odometry.is_some_and(|pose| pose.is_finite());
+                let pose = scan.odometry.filter(|pose| finite && pose.is_finite());
+                self.is_carried |= pose.is_some();
+                if scan.sensor == SensorId::default() {
+                    self.carried.extend(pose.map(|pose| (stamp_s, pose.theta)));
+                }
                 self.usable_scans += usize::from(is_complete(scan));
             }
             Record::Encoders(reading) => {
@@ -57,11 +65,39 @@ impl Readings {
             }
             Record::Odometry(stamped) => {
                 if finite && stamped.pose.is_finite() {
-                    self.stated_s.push(stamp_s);
+                    self.stated.push((stamp_s, stamped.pose.theta));
                 }
             }
         }
         self.stamps_s.push((record.sensor(), stamp_s));
+    }
+
+    /// What a sensor states of the body's turns.
+    pub(super) fn turns(&self, stream: Stream, config: &Config) -> Turns {
+        let mut turns = Turns::default();
+        match stream {
+            Stream::Encoders => {
+                let Some(wheels) = &config.robot.wheels else { return turns };
+                for reading in &self.encoders {
+                    let difference_m =
+                        reading.right_ticks * wheels.right_m_per_tick - reading.left_ticks * wheels.left_m_per_tick;
+                    turns.add(reading.stamp_s, difference_m / wheels.track_width_m);
+                }
+            }
+            Stream::Imu => {
+                for pair in self.yaw_rates.windows(2) {
+                    let elapsed_s = pair[1].stamp_s - pair[0].stamp_s;
+                    turns.add(pair[1].stamp_s, 0.5 * (pair[0].rate_rad_s + pair[1].rate_rad_s) * elapsed_s);
+                }
+            }
+            Stream::Odometry | Stream::Scans => {
+                let poses = if self.stated.is_empty() { &self.carried } else { &self.stated };
+                for pair in poses.windows(2) {
+                    turns.add(pair[1].0, wrap_angle(pair[1].1 - pair[0].1));
+                }
+            }
+        }
+        turns
     }
 
     /// Number of scans.
@@ -107,7 +143,7 @@ impl Readings {
         let needs = |wanted, missing, there: bool| {
             if there { Ok(()) } else { Err(OdometryError::SourceMissing { wanted, missing }) }
         };
-        let has_poses = self.carried || !self.stated_s.is_empty();
+        let has_poses = self.is_carried || !self.stated.is_empty();
         let source = match config.odometry.source {
             OdometrySource::Auto if has_poses => OdometrySource::Log,
             OdometrySource::Auto if self.encoders.is_empty() => OdometrySource::ScanMatching,
