@@ -1,5 +1,6 @@
 //! Ctrl-C: the first one asks for an orderly end, the second one ends at once.
 
+use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,6 +15,17 @@ struct State {
     requested: AtomicBool,
     unfinished: OnceLock<PathBuf>,
     is_finishing: AtomicBool,
+    waker: Waker,
+}
+
+/// Who has to be woken to notice.
+#[derive(Default)]
+struct Waker(OnceLock<Box<dyn Fn() + Send + Sync>>);
+
+impl fmt::Debug for Waker {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("Waker")
+    }
 }
 
 impl Interrupt {
@@ -32,6 +44,21 @@ impl Interrupt {
         let _ = self.0.unfinished.set(unfinished.to_path_buf());
     }
 
+    /// Names what is done at once when an end is asked for.
+    pub(crate) fn on_request(&self, wake: impl Fn() + Send + Sync + 'static) {
+        // There is one for each command.
+        let _ = self.0.waker.0.set(Box::new(wake));
+        if self.requested() {
+            self.wake();
+        }
+    }
+
+    fn wake(&self) {
+        if let Some(wake) = self.0.waker.0.get() {
+            wake();
+        }
+    }
+
     /// From now on the results are moved into place, which is not interrupted.
     pub(crate) fn is_finishing(&self) {
         self.0.is_finishing.store(true, Ordering::SeqCst);
@@ -48,6 +75,7 @@ impl Interrupt {
             }
             std::process::exit(130);
         }
+        self.wake();
     }
 
     /// Whether to stop.

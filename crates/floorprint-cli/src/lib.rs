@@ -14,6 +14,7 @@ mod evaluate;
 mod figure;
 mod info;
 mod interrupt;
+mod live;
 mod localize;
 mod map;
 mod number;
@@ -35,6 +36,7 @@ mod summary;
 mod terminal;
 mod topics;
 mod truth;
+mod view;
 mod watcher;
 
 pub use check::{Told, examine_recording};
@@ -72,10 +74,13 @@ enum Command {
     Demo(demo::Arguments),
     Run(run::Arguments),
     Replay(replay::Arguments),
+    // Boxed: it has many options.
+    Live(Box<live::Arguments>),
     Localize(localize::Arguments),
     Simulate(simulate::Arguments),
     #[command(subcommand)]
     Evaluate(evaluate::Command),
+    View(view::Arguments),
     Info(info::Arguments),
     Check(check::Arguments),
     Compare(compare::Arguments),
@@ -104,9 +109,11 @@ impl Command {
             Self::Demo(arguments) => demo::execute(arguments, terminal),
             Self::Run(arguments) => run::execute(arguments, terminal),
             Self::Replay(arguments) => replay::execute(arguments, terminal),
+            Self::Live(arguments) => live::execute(arguments, terminal),
             Self::Localize(arguments) => localize::execute(arguments, terminal),
             Self::Simulate(arguments) => simulate::execute(arguments, terminal),
             Self::Evaluate(command) => evaluate::execute(command, terminal),
+            Self::View(arguments) => view::execute(arguments, terminal),
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Check(arguments) => check::execute(arguments, terminal),
             Self::Compare(arguments) => compare::execute(arguments, terminal),

@@ -14,7 +14,6 @@ use crate::terminal::Terminal;
 use crate::topics::Topics;
 use anyhow::{Context as _, ensure};
 use clap::Args;
-use floorprint::Frames;
 use floorprint::geometry::Pose2;
 use floorprint::localization::{LocalizationMap, LocalizationReport, Localizer, Start};
 use floorprint::map::{Occupancy, Raster};
@@ -75,7 +74,8 @@ pub(crate) struct Arguments {
 const MODE: Color = [37, 99, 235];
 const TRUTH: Color = [21, 128, 61];
 
-fn parse_start(text: &str) -> Result<Start, String> {
+/// A pose in the words of the command line.
+pub(crate) fn parse_start(text: &str) -> Result<Start, String> {
     if text == "unknown" {
         return Ok(Start::Unknown);
     }
@@ -88,7 +88,7 @@ fn parse_start(text: &str) -> Result<Start, String> {
 }
 
 /// The map of a session or of a file of ROS, and as it is drawn.
-fn read_any_map(path: &Path) -> anyhow::Result<(LocalizationMap, Raster<Occupancy>)> {
+pub(crate) fn read_any_map(path: &Path) -> anyhow::Result<(LocalizationMap, Raster<Occupancy>)> {
     if path.extension().is_some_and(|ending| ending == "gpkg") {
         let session = SessionFile::read(path)?;
         let map = LocalizationMap::of_session(&session);
@@ -132,8 +132,7 @@ fn localize(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcom
     let started = Instant::now();
     let mut localizer = Localizer::new(Arc::new(map), arguments.start, &config);
     let prepared_s = started.elapsed().as_secs_f64();
-    let frames = Frames::new(&data_set.records, &config)
-        .with_context(|| format!("cannot localise {}", arguments.path.display()))?;
+    let frames = data_set.frames(&config).with_context(|| format!("cannot localise {}", arguments.path.display()))?;
     let progress = terminal.progress("localising", "scans", frames.len());
     let mut steps: Vec<LocalizationReport> = Vec::new();
     let mut dead_reckoning = Vec::new();

@@ -34,17 +34,44 @@ impl SessionKeeper {
         Self { path, file: None, due: Instant::now() + PERIOD, terminal: terminal.clone(), notes, has_failed: false }
     }
 
+    /// For a session that is kept up to date where it lies: a new file, or one that is gone on with.
+    ///
+    /// # Errors
+    /// The file is there, and is no session.
+    pub(crate) fn in_place(
+        path: &Path,
+        terminal: &Terminal,
+        notes: Vec<(&'static str, String)>,
+    ) -> anyhow::Result<Self> {
+        let file = if path.exists() { Some(SessionFile::open(path)?) } else { None };
+        let (path, terminal) = (path.to_path_buf(), terminal.clone());
+        Ok(Self { path, file, due: Instant::now() + PERIOD, terminal, notes, has_failed: false })
+    }
+
     /// Saves when it is time to.
     pub(crate) fn observe(&mut self, slam: &mut Slam, matcher: &MatcherConfig) {
-        if self.has_failed || Instant::now() < self.due {
+        if !self.has_failed && Instant::now() >= self.due {
+            self.observe_session(slam.session(), matcher);
+        }
+    }
+
+    /// Saves a session when it is time to.
+    pub(crate) fn observe_session(&mut self, session: &Session, matcher: &MatcherConfig) {
+        if !self.has_failed && Instant::now() >= self.due {
+            self.save_now(session, matcher);
+        }
+    }
+
+    /// Saves a session at once; tells, and does not try again, when that fails.
+    pub(crate) fn save_now(&mut self, session: &Session, matcher: &MatcherConfig) {
+        if session.frames() == 0 {
             return;
         }
         let started = Instant::now();
         let is_first = self.file.is_none();
-        match self.save(slam.session(), matcher) {
+        match self.save(session, matcher) {
             Ok(()) if is_first => {
-                self.terminal
-                    .note(&format!("what was seen so far is kept in {} until the run ends", self.path.display()));
+                self.terminal.note(&format!("what was seen so far is kept in {} until the end", self.path.display()));
             }
             Ok(()) => {}
             Err(error) => {
@@ -53,6 +80,24 @@ impl SessionKeeper {
             }
         }
         self.due = Instant::now() + PERIOD.max(started.elapsed() * LARGEST_SHARE);
+    }
+
+    /// The same for a live session, whose pictures may not have been drawn (`None`); without a `target` the file stays where
+    /// it is.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub(crate) fn finish_live(
+        mut self,
+        layers: Option<&Layers<'_>>,
+        matcher: &MatcherConfig,
+        target: Option<&Path>,
+    ) -> Result<(), WriteError> {
+        let target = target.map_or_else(|| self.path.clone(), Path::to_path_buf);
+        if let Some(layers) = layers {
+            return self.finish(layers, matcher, &target);
+        }
+        self.file.take().map_or(Ok(()), |file| file.move_to(&target))
     }
 
     fn save(&mut self, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {

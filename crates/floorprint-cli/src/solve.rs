@@ -14,8 +14,9 @@ use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::session::Session;
 use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
-use floorprint::{Config, Frames, Phase, Profiler, Slam, SlamError, StepReport};
+use floorprint::{Config, Phase, Profiler, Slam, SlamError, StepReport};
 use floorprint_io::{DataSet, ImageIndex};
+use floorprint_live::{Whereabouts, resume};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -113,17 +114,21 @@ pub(crate) enum Start {
 /// A drive that begins so soon after another goes on where that ended, seconds.
 const LONGEST_PAUSE_S: f64 = 10.0;
 
+impl Start {
+    /// The same, as the engine knows it.
+    pub(crate) fn whereabouts(self) -> Whereabouts {
+        match self {
+            Self::Last => Whereabouts::Last,
+            Self::Unknown => Whereabouts::Unknown,
+            Self::Auto => Whereabouts::LastIfWithin(LONGEST_PAUSE_S),
+        }
+    }
+}
+
 impl Earlier {
     /// A SLAM that goes on with the session; the drive's first scan has this stamp, seconds.
     fn resume(self, first_stamp_s: f64, config: &Config) -> anyhow::Result<Slam> {
-        let last_s = self.session.poses().last().map(|stamped| stamped.stamp_s);
-        let pause_s = last_s.map(|last_s| first_stamp_s - last_s);
-        let goes_on = pause_s.is_some_and(|pause_s| (0.0..=LONGEST_PAUSE_S).contains(&pause_s));
-        let mut slam = Slam::resume(self.session, config)?;
-        if self.start == Start::Unknown || (self.start == Start::Auto && !goes_on) {
-            slam.interrupt();
-        }
-        Ok(slam)
+        Ok(resume(self.session, self.start.whereabouts(), first_stamp_s, config)?)
     }
 }
 
@@ -150,7 +155,7 @@ pub(crate) fn solve(
         }
         error => error.into(),
     };
-    let mut frames = Frames::new(&data_set.records, config).map_err(explain)?;
+    let mut frames = data_set.frames(config).map_err(explain)?;
     if as_they_come {
         frames = frames.in_order_of_arrival();
     }

@@ -208,6 +208,6 @@ fn notes(config: &Config, input_sha256: &str) -> Vec<(&'static str, String)> {
 }
 
 /// A map of a drive on which nothing was seen: one cell, unknown.
-fn nothing_seen(resolution_m: f64) -> Raster<Occupancy> {
+pub(crate) fn nothing_seen(resolution_m: f64) -> Raster<Occupancy> {
     Raster { width: 1, height: 1, resolution_m, origin_m: [0.0; 2], cells: vec![Occupancy::Unknown] }
 }

@@ -8,16 +8,16 @@ use std::process::Command;
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct Topics {
     /// Topic of a bag's scans. Can be repeated: several LiDARs are used together.
-    #[arg(long, value_name = "TOPIC")]
+    #[arg(long, value_name = "TOPIC", alias = "scan_topic")]
     scan: Vec<String>,
     /// Topic of a bag's odometry; /tf for the odometry among its transforms.
-    #[arg(long, value_name = "TOPIC")]
+    #[arg(long, value_name = "TOPIC", alias = "odom_topic")]
     odom: Option<String>,
     /// Topic of a bag's true poses, with which the trajectory is compared.
     #[arg(long, value_name = "TOPIC")]
     truth: Option<String>,
     /// Frame of a bag that is taken for the robot's body.
-    #[arg(long, value_name = "FRAME")]
+    #[arg(long, value_name = "FRAME", alias = "base_frame")]
     base: Option<String>,
 }
 

@@ -4,8 +4,11 @@ use crate::budget::USUAL_EXPANSION;
 use crate::error::{Problem, ReadError};
 use crate::format::{self, Format};
 use crate::images::ImageIndex;
+use crate::ros::LiveSession;
 use crate::source::Source;
+use floorprint::odometry::OdometryError;
 use floorprint::sensors::{Record, RobotConfig, Scan, StampedPose};
+use floorprint::{Config, Frames};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -133,9 +136,24 @@ pub struct DataSet {
     pub input_hash: String,
     /// What is in it and what was chosen, when it is a recording of topics.
     pub bag: Option<BagContents>,
+    /// What a live session knew that recorded it: its records stand in the order in which they came.
+    pub live: Option<LiveSession>,
 }
 
 impl DataSet {
+    /// The frames of the drive: with a survey of the records where the configuration asks for one; of a live session's
+    /// recording as that session made them.
+    ///
+    /// # Errors
+    /// As [`Frames::new`].
+    pub fn frames(&self, config: &Config) -> Result<Frames<'_>, OdometryError> {
+        let frames = Frames::new(&self.records, config)?;
+        Ok(match &self.live {
+            Some(live) => frames.as_received(live.corrections.clone()),
+            None => frames,
+        })
+    }
+
     /// The scans, in order.
     pub fn scans(&self) -> impl Iterator<Item = &Scan> {
         self.records.iter().filter_map(|record| match record {

@@ -23,29 +23,42 @@ const FREE_THRESHOLD: f64 = 0.196;
 /// # Errors
 /// When a file cannot be written.
 pub fn write_map(path: &Path, map: &Raster<Occupancy>) -> Result<(), WriteError> {
-    let levels: Vec<u8> = map
-        .cells
-        .iter()
-        .map(|cell| match cell {
-            Occupancy::Occupied => 0,
-            Occupancy::Unknown => 205,
-            Occupancy::Free => 254,
-        })
-        .collect();
     let picture = path.with_extension("pgm");
-    replace_file(&picture, |file| write_pgm(file, map.width, map.height, &levels))?;
+    replace_file(&picture, |file| write_pgm(file, map.width, map.height, &levels(map)))?;
     describe(path, &picture, "trinary", map)
+}
+
+/// The same in memory: the YAML file and the picture, whose name is to be `picture`.
+#[must_use]
+pub fn map_bytes(picture: &str, map: &Raster<Occupancy>) -> [Vec<u8>; 2] {
+    let mut pgm = Vec::new();
+    // Memory takes all that is written.
+    let _ = write_pgm(&mut pgm, map.width, map.height, &levels(map));
+    [description(picture, "trinary", map).into_bytes(), pgm]
+}
+
+fn levels(map: &Raster<Occupancy>) -> Vec<u8> {
+    let level = |cell: &Occupancy| match cell {
+        Occupancy::Occupied => 0,
+        Occupancy::Unknown => 205,
+        Occupancy::Free => 254,
+    };
+    map.cells.iter().map(level).collect()
 }
 
 /// Writes the YAML file that says what a picture of a map shows.
 fn describe<T>(path: &Path, picture: &Path, mode: &str, map: &Raster<T>) -> Result<(), WriteError> {
-    let [x_m, y_m] = map.origin_m;
     let name = picture.file_name().unwrap_or_default().to_string_lossy();
-    replace_file(path, |file| {
-        writeln!(file, "image: {name}\nmode: {mode}\nresolution: {}", map.resolution_m)?;
-        writeln!(file, "origin: [{x_m}, {y_m}, 0]\nnegate: 0")?;
-        writeln!(file, "occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}")
-    })
+    replace_file(path, |file| file.write_all(description(&name, mode, map).as_bytes()))
+}
+
+/// What a picture of a map shows, as YAML.
+fn description<T>(picture: &str, mode: &str, map: &Raster<T>) -> String {
+    let ([x_m, y_m], resolution_m) = (map.origin_m, map.resolution_m);
+    format!(
+        "image: {picture}\nmode: {mode}\nresolution: {resolution_m}\norigin: [{x_m}, {y_m}, 0]\nnegate: 0\n\
+         occupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
+    )
 }
 
 /// Writes how likely each cell is occupied (`None`: unknown), as the YAML file at `path` and a PNG picture of the same

@@ -18,6 +18,8 @@ pub enum Contents {
     Simulation,
     /// A robot followed in a finished map.
     Localization,
+    /// A session that was live.
+    Live,
 }
 
 impl Contents {
@@ -26,6 +28,7 @@ impl Contents {
         match self {
             Self::Run | Self::Localization => "report.json",
             Self::Simulation => "simulation.json",
+            Self::Live => "live.json",
         }
     }
 
@@ -36,6 +39,7 @@ impl Contents {
             Self::Run => "results of floorprint run",
             Self::Simulation => "a simulated drive in the layout of ECE276A, with its truth",
             Self::Localization => "results of floorprint localize",
+            Self::Live => "results of floorprint live",
         }
     }
 
@@ -45,6 +49,7 @@ impl Contents {
             Self::Run => "run",
             Self::Simulation => "simulation",
             Self::Localization => "localization",
+            Self::Live => "live session",
         }
     }
 
@@ -81,6 +86,7 @@ impl Contents {
                 "truth_texture.json",
                 "truth_texture.png",
             ],
+            Self::Live => &["session.gpkg", "trajectory.tum", "map.pgm", "map.yaml", "config.toml"],
             Self::Localization => &["report.html", "trajectory.tum", "localization.png", "config.toml"],
         }
     }

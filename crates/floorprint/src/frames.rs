@@ -58,6 +58,26 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
         self
     }
 
+    /// The frames as a live session made them that recorded these records: pushed in the order in which they stand, with
+    /// the corrections that it had, if any.
+    #[must_use]
+    pub fn as_received(mut self, corrections: Option<OdometryCorrections>) -> Self {
+        (self.corrections, self.findings) = (corrections, Vec::new());
+        self.in_order_of_arrival()
+    }
+
+    /// What a survey of the records found for the synchroniser; `None` where the configuration asks for no survey.
+    #[must_use]
+    pub fn corrections(&self) -> Option<&OdometryCorrections> {
+        self.corrections.as_ref()
+    }
+
+    /// The records' positions in the order in which they are pushed.
+    #[must_use]
+    pub fn order(&self) -> &[usize] {
+        &self.order
+    }
+
     /// Number of frames, unless some scans come twice; at least one.
     #[must_use]
     #[expect(clippy::len_without_is_empty, reason = "there is always a frame")]

@@ -221,6 +221,12 @@ impl Slam {
         self.session.places().map(PlaceGraph::load)
     }
 
+    /// How many hypotheses about the drive are held for possible; 0 where loops are not closed.
+    #[must_use]
+    pub fn hypotheses(&self) -> usize {
+        self.session.places().map_or(0, PlaceGraph::hypotheses)
+    }
+
     /// The true length of what the odometry states as one, where the filter learns it; 1 as long as nothing is known.
     #[must_use]
     pub fn odometry_scale(&self) -> Option<f64> {

@@ -260,6 +260,7 @@ impl Log {
             notes,
             input_hash: file.hash(),
             bag: None,
+            live: None,
         })
     }
 

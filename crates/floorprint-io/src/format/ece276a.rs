@@ -189,6 +189,7 @@ impl Drive {
             notes: self.notes,
             input_hash: self.hash.finish(),
             bag: None,
+            live: None,
         })
     }
 

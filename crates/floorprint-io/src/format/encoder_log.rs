@@ -138,6 +138,7 @@ fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts, 
         notes,
         input_hash: file.hash(),
         bag: None,
+        live: None,
     }
 }
 

@@ -10,6 +10,7 @@ use crate::error::{Problem, ReadError};
 use crate::source::Source;
 
 pub(crate) use ros::begins_like_recording;
+pub use ros::{Decision, MessageStream, pose_of};
 
 /// All formats, in the order in which they are tried.
 const FORMATS: [Format; 4] = [ros::FORMAT, ece276a::FORMAT, carmen::FORMAT, encoder_log::FORMAT];

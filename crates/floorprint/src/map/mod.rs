@@ -19,4 +19,5 @@ pub use occupancy_grid::{Flip, OccupancyGrid};
 pub(crate) use open_tiles::OpenTiles;
 pub use raster::{Occupancy, Raster};
 pub use ray::passed_cells;
+pub use tile_grid::{TILE_CELLS, TILE_SIDE};
 pub use tile_rectangle::TileRectangle;

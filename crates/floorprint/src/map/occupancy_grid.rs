@@ -66,6 +66,12 @@ impl OccupancyGrid {
         }
     }
 
+    /// A grid of the same kind on which nothing is drawn.
+    #[must_use]
+    pub fn emptied(&self) -> Self {
+        Self { tiles: TileGrid::default(), ..*self }
+    }
+
     /// Side of a cell, metres.
     #[must_use]
     pub fn resolution_m(&self) -> f64 {
@@ -191,7 +197,7 @@ impl OccupancyGrid {
     pub(crate) fn draw_scans(&mut self, scans: &[(&CompactScan, Pose2)], reached: &[TileRectangle]) {
         let bands = bands(reached, rayon::current_num_threads());
         let draw_band = |band: &Range<i32>| {
-            let mut grid = Self { tiles: TileGrid::default(), ..*self };
+            let mut grid = self.emptied();
             for ((scan, pose), reached) in scans.iter().zip(reached) {
                 if band.start <= reached.high.y && reached.low.y < band.end {
                     grid.draw(pose, &scan.unpack(), |tile| band.contains(&tile.y), &mut |_| {});
@@ -265,6 +271,29 @@ impl OccupancyGrid {
             seen.filter(|&raw| raw != 0).max().map(|raw| f64::from(raw) / STEPS_PER_UNIT)
         };
         Some(raster.map(|_, center| odds(center).map(|log_odds| 1.0 / (1.0 + (-log_odds).exp()))))
+    }
+
+    /// Tiles of [`TILE_SIDE`] × [`TILE_SIDE`] cells that were written since `earlier`, a copy of this grid as it was, by the
+    /// tiles' coordinates (those of their cells, divided by the side): where a picture of it has to be drawn anew. Costs a
+    /// look at each tile.
+    #[must_use]
+    pub fn tiles_changed_since(&self, earlier: &Self) -> Vec<Cell> {
+        let cells =
+            |grid: &Self, at: Cell| grid.tiles.tile(at).map(|tile| tile.0.map(i16::signum)).unwrap_or([0; TILE_CELLS]);
+        let mut changed = self.tiles.replaced_since(&earlier.tiles);
+        changed.retain(|&at| cells(self, at) != cells(earlier, at));
+        changed
+    }
+
+    /// What is known of the cells of a tile, row by row from the least y; `None` where nothing was ever seen.
+    #[must_use]
+    pub fn tile(&self, at: Cell) -> Option<[Occupancy; TILE_CELLS]> {
+        let occupancy = |value: i16| match value.signum() {
+            0 => Occupancy::Unknown,
+            1 => Occupancy::Occupied,
+            _ => Occupancy::Free,
+        };
+        self.tiles.tile(at).map(|tile| tile.0.map(occupancy))
     }
 
     /// Every cell that was seen, with its log-odds.
@@ -386,6 +415,22 @@ mod tests {
         assert!((grid.log_odds(Cell { x: 10, y: 0 }) + log_gamma).abs() < 0.01);
         assert_eq!(grid.log_odds(Cell { x: 21, y: 0 }), 0.0);
         assert_eq!(flips, [Flip { cell: Cell { x: 20, y: 0 }, occupied: true }]);
+    }
+
+    #[test]
+    fn tiles_that_changed_are_told() {
+        let mut grid = OccupancyGrid::new(&MapConfig::default());
+        let empty = grid.clone();
+        grid.draw_scan(&Pose2::new(0.025, 0.025, 0.0), &scan_with(&[[1.0, 0.0], [3.0, 0.0]]));
+        let changed = grid.tiles_changed_since(&empty);
+        assert_eq!(changed, (0..2).map(|x| Cell { x, y: 0 }).collect::<Vec<_>>());
+        assert_eq!(grid.tile(changed[0]).unwrap()[20], Occupancy::Occupied);
+        assert!(grid.tile(Cell { x: 0, y: 1 }).is_none());
+        // Once more the same: log-odds grow, but what is free and occupied stays.
+        let before = grid.clone();
+        grid.draw_scan(&Pose2::new(0.025, 0.025, 0.0), &scan_with(&[[1.0, 0.0], [3.0, 0.0]]));
+        assert!(grid.tiles_changed_since(&before).len() < 2);
+        assert_eq!(empty.tiles_changed_since(&grid), changed);
     }
 
     #[test]

@@ -75,6 +75,14 @@ impl<T> TileGrid<T> {
         })
     }
 
+    /// Tile coordinates of the tiles that are not those of `earlier`, which was copied from this grid before: written,
+    /// new, or gone since.
+    pub fn replaced_since(&self, earlier: &Self) -> Vec<Cell> {
+        let is_other = |at: Cell, tile: &T| earlier.tile(at).is_none_or(|old| !std::ptr::eq(old, tile));
+        let replaced = self.iter().filter(|(at, tile)| is_other(*at, tile)).map(|(at, _)| at);
+        replaced.chain(earlier.iter().map(|(at, _)| at).filter(|&at| self.tile(at).is_none())).collect()
+    }
+
     /// Number of tiles that exist, and how many of them no copy shares.
     #[must_use]
     pub fn tile_counts(&self) -> (usize, usize) {

@@ -131,6 +131,12 @@ impl Session {
         }
     }
 
+    /// How its map is drawn.
+    #[must_use]
+    pub fn map_config(&self) -> &MapConfig {
+        &self.map
+    }
+
     /// Number of frames.
     #[must_use]
     pub fn frames(&self) -> usize {

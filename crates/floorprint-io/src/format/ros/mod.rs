@@ -3,26 +3,30 @@
 //! `bag1`, `rosbag2` and `mcap` are the containers; all give one stream of raw messages, which `recording` puts
 //! together from several files. `cursor` and `messages` take the messages apart, `foxglove` those in
 //! Foxglove's schemas. A recording is read twice: `survey`
-//! finds out what is there and how frames hang together (`transforms`), `roles` chooses what is used, and `bag`
-//! makes records of it.
+//! finds out what is there and how frames hang together (`transforms`), `roles` chooses what is used, and `record_maker`
+//! makes records of it; `stream` does the same with messages that come in live. `live` reads recordings of live sessions, which say all of that themselves.
 
 mod bag;
 mod bag1;
 mod cursor;
 mod foxglove;
 mod input;
+mod live;
 mod mcap;
 mod messages;
+mod record_maker;
 mod recording;
 mod roles;
 mod rosbag2;
 mod slice;
+mod stream;
 mod survey;
 mod transforms;
 
 use super::Format;
 
 pub(crate) use recording::begins_like_recording;
+pub use stream::{Decision, MessageStream, pose_of};
 
 pub(super) const FORMAT: Format = Format {
     name: "ros",

@@ -43,6 +43,8 @@ pub(super) struct Roles {
     pub(super) imu: Option<(String, Pose3)>,
     /// The topic of the true poses.
     pub(super) truth: Option<String>,
+    /// Whether transforms say where all LiDARs sit.
+    pub(super) all_places_known: bool,
     /// Whether messages count as taken when they were recorded: where their own stamps are nonsense.
     pub(super) by_log_time: bool,
     /// What was chosen and what was not, with the reason.
@@ -99,6 +101,7 @@ impl Roles {
             odometry: None,
             imu: None,
             truth: None,
+            all_places_known: true,
             by_log_time: false,
             reasons: Vec::new(),
             notes: Vec::new(),
@@ -269,6 +272,7 @@ impl Roles {
         for candidate in candidates {
             let Candidate { topic, frame, place, is_cloud, .. } = candidate;
             let Some(contents) = survey.topics.get(&topic) else { continue };
+            self.all_places_known &= matches!(place, Place::Known(_));
             let base_from_lidar = match place {
                 Place::Known(pose) => pose,
                 Place::Moving => {

@@ -64,7 +64,8 @@ impl Survey {
         survey
     }
 
-    fn add(&mut self, message: &RawMessage<'_>) {
+    /// Looks at one message.
+    pub(super) fn add(&mut self, message: &RawMessage<'_>) {
         let Channel { topic: name, type_name, .. } = message.channel;
         if !self.topics.contains_key(name) {
             self.topics.insert(name.clone(), Topic::new(message));

@@ -1,0 +1,352 @@
+//! Live sessions as users have them: recordings played, lines piped in, sessions killed and gone on with.
+
+#![expect(clippy::unwrap_used, reason = "a test ends where a step fails")]
+
+use std::fs;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// A short drive with encoders, IMU and a LiDAR, and what `run` makes of it; made once.
+fn shared() -> &'static Path {
+    static SHARED: OnceLock<TempDir> = OnceLock::new();
+    SHARED
+        .get_or_init(|| {
+            let folder = tempfile::tempdir().unwrap();
+            let at = |name: &str| folder.path().join(name).display().to_string();
+            let robot = "[motion]\nspeed_m_s = 2.0\n[lidar]\nbeams = 181\nrate_hz = 10.0\n[camera]\nrate_hz = 0.0\n";
+            fs::write(at("robot.toml"), robot).unwrap();
+            let options = ["simulate", "--world", "rooms", "--seed", "1", "--config", &at("robot.toml")];
+            floorprint(&[&options[..], &["--out", &at("drive")]].concat(), 0);
+            floorprint(&["run", &at("drive"), "--out", &at("run")], 0);
+            folder
+        })
+        .path()
+}
+
+fn at(name: &str) -> String {
+    shared().join(name).display().to_string()
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_floorprint"));
+    command.args(arguments).stdin(Stdio::null());
+    command
+}
+
+/// Runs a command that must end with a code; gives what it says.
+fn floorprint(arguments: &[&str], code: i32) -> String {
+    let Output { status, stderr, stdout } = command(arguments).output().unwrap();
+    let said = String::from_utf8_lossy(&stderr).into_owned() + &String::from_utf8_lossy(&stdout);
+    assert_eq!(status.code(), Some(code), "{arguments:?}: {said}");
+    assert!(!said.contains("panicked"), "{said}");
+    said
+}
+
+/// Whether two folders hold the same trajectory and map, to the byte.
+fn assert_same(one: &Path, other: &Path) {
+    for name in ["trajectory.tum", "map.pgm", "map.yaml"] {
+        let [one, other] = [one, other].map(|folder| fs::read(folder.join(name)).unwrap());
+        assert!(one == other, "{name} differs");
+        assert!(one.len() > 60, "{name} is empty");
+    }
+}
+
+/// The log of a robot whose stamps and angles are no numbers of ROS, as CARMEN has them.
+fn carmen_log(folder: &Path) -> PathBuf {
+    let line = |scan: i32| {
+        let x = 0.013 * f64::from(scan);
+        let wall =
+            |ray: i32| (2.0 + 0.3 * f64::from((ray / 20) % 3)) / (f64::from(ray) / 57.3).sin().abs().max(0.4) - 0.1 * x;
+        let ranges: String = (0..181).map(|ray| format!("{:.3} ", wall(ray))).collect();
+        let stamp_s = 976_052_857.301_234 + f64::from(scan) * 0.101_7;
+        format!("FLASER 181 {ranges}{x} 0.001 0.0007 {x} 0.001 0.0007 {stamp_s} host {stamp_s}\n")
+    };
+    let path = folder.join("drive.clf");
+    fs::write(&path, (0..60).map(line).collect::<String>()).unwrap();
+    path
+}
+
+#[test]
+fn a_recording_played_live_gives_what_run_gives_and_so_does_its_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let at_out = |name: &str| folder.path().join(name).display().to_string();
+    let carmen = carmen_log(folder.path()).display().to_string();
+    floorprint(&["run", &carmen, "--out", &at_out("carmen")], 0);
+    for (name, recording, expected) in [("drive", at("drive"), at("run")), ("log", carmen, at_out("carmen"))] {
+        let [out, record, again] = ["live", "mcap", "again"].map(|ending| at_out(&format!("{name}.{ending}")));
+        let options = ["live", "--play", &recording, "--rate", "0", "--record", &record, "--out", &out];
+        floorprint(&options, 0);
+        assert_same(expected.as_ref(), out.as_ref());
+        // What was recorded says the same, to the byte.
+        floorprint(&["run", &record, "--out", &again], 0);
+        assert_same(expected.as_ref(), again.as_ref());
+        assert!(!Path::new(&(record.clone() + ".active")).exists());
+        let said = floorprint(&options, 1);
+        assert!(said.contains("a file stands there") || said.contains("--force"), "{said}");
+    }
+}
+
+/// Lines of JSON of the shared drive's first scans, with the truth as odometry.
+fn json_lines(scans: usize) -> String {
+    let mut lines = String::new();
+    for scan in 0..scans {
+        let (stamp, x) = (0.1 * scan as f64, 0.02 * scan as f64);
+        lines += &format!("{{\"type\":\"odometry\",\"stamp\":{stamp},\"x\":{x},\"y\":0,\"theta\":0}}\n");
+        let range = |ray: usize| 3.0 - x + 0.2 * ((ray / 30) % 2) as f64;
+        let ranges: Vec<String> = (0..180).map(|ray| format!("{:.3}", range(ray))).collect();
+        lines += &format!(
+            "{{\"type\":\"scan\",\"stamp\":{stamp},\"angle_min\":-1.5,\"angle_increment\":0.0167,\"ranges\":[{}]}}\n",
+            ranges.join(",")
+        );
+    }
+    lines
+}
+
+/// Starts a session that reads lines.
+fn reading(arguments: &[&str]) -> Child {
+    let mut command = command(&[&["live", "-"], arguments].concat());
+    command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn lines_on_standard_input_are_mapped_and_wrong_ones_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = reading(&["--out", out.to_str().unwrap()]);
+    let mut input = child.stdin.take().unwrap();
+    input.write_all(json_lines(40).as_bytes()).unwrap();
+    input.write_all(b"{\"type\":\"scna\",\"stamp\":1}\n").unwrap();
+    drop(input);
+    let Output { status, stderr, .. } = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&stderr);
+    assert_eq!(status.code(), Some(0), "{said}");
+    assert!(said.contains("line 81: unknown variant `scna`"), "{said}");
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(out.join("live.json")).unwrap()).unwrap();
+    assert_eq!((report["scans"].as_u64(), report["finished"].as_bool()), (Some(40), Some(true)));
+    assert!(fs::read_to_string(out.join("trajectory.tum")).unwrap().lines().count() >= 40);
+}
+
+/// Waits until something holds.
+fn wait_for(what: &str, mut holds: impl FnMut() -> bool) {
+    let end = Instant::now() + Duration::from_secs(20);
+    while !holds() {
+        assert!(Instant::now() < end, "{what} does not come");
+        sleep(Duration::from_millis(50));
+    }
+}
+
+fn frames(session: &Path) -> usize {
+    let info = floorprint(&["map", "info", session.to_str().unwrap()], 0);
+    let line = info.lines().find(|line| line.starts_with("trajectory")).unwrap();
+    line.split_once(" m, ").unwrap().1.split_once(" frames").unwrap().0.parse().unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_session_that_is_ended_by_a_signal_or_killed_is_gone_on_with() {
+    let folder = tempfile::tempdir().unwrap();
+    let (session, record) = (folder.path().join("site.gpkg"), folder.path().join("killed.mcap"));
+    let [path, recording] = [&session, &record].map(|path| path.to_str().unwrap());
+    let lines = json_lines(60);
+    // Killed: what was saved is there.
+    let mut child = reading(&["--session", path, "--record", recording]);
+    let mut input = child.stdin.take().unwrap();
+    input.write_all(lines.as_bytes()).unwrap();
+    let mut later = 60;
+    wait_for("a save", || {
+        // Saves come with records.
+        input
+            .write_all(json_lines(later + 1).lines().skip(2 * later).collect::<Vec<_>>().join("\n").as_bytes())
+            .unwrap();
+        input.write_all(b"\n").unwrap();
+        later += 1;
+        later > 80 && command(&["map", "info", path]).output().unwrap().status.success()
+    });
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let saved = frames(&session);
+    assert!(saved >= 60, "{saved}");
+    let active = folder.path().join("killed.mcap.active");
+    let out = folder.path().join("again");
+    floorprint(&["run", active.to_str().unwrap(), "--out", out.to_str().unwrap()], 0);
+    // Gone on with, and ended by a signal: within a second, with everything saved.
+    let mut child = reading(&["--session", path]);
+    let mut input = child.stdin.take().unwrap();
+    let further = json_lines(160).lines().skip(2 * later).collect::<Vec<_>>().join("\n") + "\n";
+    input.write_all(further.as_bytes()).unwrap();
+    sleep(Duration::from_millis(1500));
+    let asked = Instant::now();
+    Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+    let status = child.wait().unwrap();
+    assert!(asked.elapsed() < Duration::from_secs(3), "{:?}", asked.elapsed());
+    assert!(matches!(status.code(), Some(0 | 130)), "{status}");
+    assert!(frames(&session) > saved + 50, "{} of {saved}", frames(&session));
+    let left: Vec<String> =
+        fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    assert!(!left.iter().any(|name| name.ends_with("-wal") || name.contains("unfinished")), "{left:?}");
+}
+
+#[test]
+fn a_robot_is_followed_in_a_finished_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let map = at("run/session.gpkg");
+    let options = ["--map", &map, "--pose", "0,0,0", "--rate", "0", "--out", out.to_str().unwrap()];
+    floorprint(&[&["live", "--play", &at("drive")], &options[..]].concat(), 0);
+    let read = |path: PathBuf| fs::read_to_string(path).unwrap();
+    let followed = read(out.join("trajectory.tum"));
+    let mapped = read(Path::new(&at("run")).join("trajectory.tum"));
+    let position = |line: &str| {
+        let mut numbers = line.split(' ').skip(1).map(|number| number.parse::<f64>().unwrap());
+        [numbers.next().unwrap(), numbers.next().unwrap()]
+    };
+    let (followed, mapped): (Vec<_>, Vec<_>) =
+        (followed.lines().map(position).collect(), mapped.lines().map(position).collect());
+    assert!(followed.len() + 5 >= mapped.len(), "{} of {}", followed.len(), mapped.len());
+    let [end, expected] = [followed.last().unwrap(), mapped.last().unwrap()];
+    assert!((end[0] - expected[0]).hypot(end[1] - expected[1]) < 0.1, "{end:?}, {expected:?}");
+}
+
+#[test]
+fn what_cannot_be_asked_for_is_said() {
+    for (arguments, expected) in [
+        (&["live"][..], "--play"),
+        (&["live", "drive.bag"], "--play drive.bag"),
+        (&["live", "-", "--rate", "2"], "--play"),
+        (&["live", "--play", "x", "--rate", "-1"], "0.01 to 1000"),
+        (&["live", "-", "--map", "m.yaml", "--record", "r.mcap"], "cannot be used with"),
+    ] {
+        let said = floorprint(arguments, 2);
+        assert!(said.contains(expected), "{arguments:?}: {said}");
+    }
+    let said = floorprint(&["live", "--play", "nowhere.bag"], 1);
+    assert!(said.contains("no such file"), "{said}");
+}
+
+/// A session with a page, fed by the test.
+struct Watched {
+    child: Child,
+    address: String,
+}
+
+impl Watched {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = reading(&[arguments, &["--http", "127.0.0.1:0"]].concat());
+        let mut said = BufReader::new(child.stderr.take().unwrap());
+        let mut line = String::new();
+        while !line.contains("the page is at") {
+            line.clear();
+            assert!(said.read_line(&mut line).unwrap() > 0, "no page");
+        }
+        // Nobody reads the rest, and it is not waited for.
+        std::thread::spawn(move || said.lines().for_each(drop));
+        let address = line.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
+        Self { child, address }
+    }
+
+    /// The answer to a request with these headers.
+    fn ask(&self, request: &str, headers: &[&str], body: &str) -> String {
+        let mut stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        let headers: String = headers.iter().map(|header| format!("{header}\r\n")).collect();
+        let length = body.len();
+        let host = &self.address;
+        let head = format!(
+            "{request} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n"
+        );
+        stream.write_all((head + body).as_bytes()).unwrap();
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+}
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn the_page_shows_the_map_and_stands_floods() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut watched = Watched::start(&["--out", out.to_str().unwrap()]);
+    let mut input = watched.child.stdin.take().unwrap();
+    input.write_all(json_lines(40).as_bytes()).unwrap();
+    let page = watched.ask("GET /", &[], "");
+    assert!(
+        page.starts_with("HTTP/1.1 200") && page.contains("default-src 'none'") && page.contains("<canvas"),
+        "{page}"
+    );
+    // The map comes with the scans.
+    let mut later = 40;
+    wait_for("the map", || {
+        let lines = json_lines(later + 1);
+        input
+            .write_all(lines.lines().skip(2 * later).map(|line| format!("{line}\n")).collect::<String>().as_bytes())
+            .unwrap();
+        later += 1;
+        watched.ask("GET /map.yaml", &[], "").contains("resolution: 0.05")
+    });
+    assert!(watched.ask("GET /tiles/0/0/0?v=1", &[], "").contains("PNG"));
+    for (request, headers, status) in [
+        ("GET /tiles/9/0/0", &[][..], "404"),
+        ("GET /tiles/0/2147483647/-2147483648", &[], "404"),
+        ("GET /../etc/passwd", &[], "404"),
+        ("POST /pose", &["Content-Type: application/json"], "409"),
+        ("POST /pause", &["Content-Type: text/plain"], "415"),
+        ("POST /pause", &["Content-Type: application/json", "Origin: http://evil.example"], "403"),
+        ("DELETE /", &[], "405"),
+    ] {
+        let answer = watched.ask(request, headers, "{}");
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{request}: {answer}");
+    }
+    let long = "x".repeat(10_000);
+    assert!(watched.ask("POST /pause", &["Content-Type: application/json"], &long).starts_with("HTTP/1.1 413"));
+    // Connections that say nothing, talk nonsense or never end; a viewer that never reads.
+    let flood: Vec<TcpStream> = (0..300)
+        .filter_map(|number| {
+            let mut stream = TcpStream::connect(&watched.address).ok()?;
+            let bytes: &[u8] = match number % 4 {
+                0 => b"",
+                1 => b"\xff\xfe\x00 nonsense\r\n\r\n",
+                2 => b"GET / HTTP/1.1\r\nX: ",
+                _ => b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n",
+            };
+            let _ = stream.write_all(bytes);
+            Some(stream)
+        })
+        .collect();
+    let asked = Instant::now();
+    for _ in 0..20 {
+        assert!(watched.ask("GET /page.js", &[], "").contains("HTTP/1.1 200"));
+    }
+    assert!(asked.elapsed() < Duration::from_secs(5), "{:?}", asked.elapsed());
+    drop(flood);
+    // The session went on.
+    drop(input);
+    assert!(watched.child.wait().unwrap().success());
+    assert!(out.join("map.pgm").exists());
+}
+
+#[test]
+fn others_come_in_with_the_token_only() {
+    let session = tempfile::tempdir().unwrap();
+    let session = session.path().join("site.gpkg").display().to_string();
+    let refused = floorprint(&["live", "-", "--http", "0.0.0.0:0", "--session", &session], 2);
+    assert!(refused.contains("--token"), "{refused}");
+    let watched = Watched::start(&["--session", &session, "--token", "0123456789abcdef"]);
+    assert!(watched.ask("GET /", &[], "").starts_with("HTTP/1.1 401"));
+    assert!(watched.ask("GET /map.pgm?token=0123456789abcdee", &[], "").starts_with("HTTP/1.1 401"));
+    let answer = watched.ask("GET /?token=0123456789abcdef", &[], "");
+    assert!(answer.starts_with("HTTP/1.1 303") && answer.contains("HttpOnly; SameSite=Strict"), "{answer}");
+    assert!(watched.ask("GET /", &["Cookie: floorprint=0123456789abcdef"], "").starts_with("HTTP/1.1 200"));
+}

@@ -1,0 +1,238 @@
+"""A robot that speaks ROS 2 by Cyclone DDS: publishes a drive, receives what Floorprint makes of it, and prints that.
+
+Arguments: how many times as fast as it was, and how many seconds to wait at the end.
+The drive comes as lines of JSON on standard input.
+"""
+import json
+import sys
+import time
+from dataclasses import dataclass
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import array, float32, float64, int8, int32, sequence, uint8, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+
+
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
+    x: float64
+    y: float64
+    z: float64
+    w: float64
+
+
+@dataclass
+class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
+    position: Vector3
+    orientation: Quaternion
+
+
+@dataclass
+class PoseWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::PoseWithCovariance_"):
+    pose: Pose
+    covariance: array[float64, 36]
+
+
+@dataclass
+class PoseWithCovarianceStamped(IdlStruct, typename="geometry_msgs::msg::dds_::PoseWithCovarianceStamped_"):
+    header: Header
+    pose: PoseWithCovariance
+
+
+@dataclass
+class Twist(IdlStruct, typename="geometry_msgs::msg::dds_::Twist_"):
+    linear: Vector3
+    angular: Vector3
+
+
+@dataclass
+class TwistWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::TwistWithCovariance_"):
+    twist: Twist
+    covariance: array[float64, 36]
+
+
+@dataclass
+class Odometry(IdlStruct, typename="nav_msgs::msg::dds_::Odometry_"):
+    header: Header
+    child_frame_id: str
+    pose: PoseWithCovariance
+    twist: TwistWithCovariance
+
+
+@dataclass
+class LaserScan(IdlStruct, typename="sensor_msgs::msg::dds_::LaserScan_"):
+    header: Header
+    angle_min: float32
+    angle_max: float32
+    angle_increment: float32
+    time_increment: float32
+    scan_time: float32
+    range_min: float32
+    range_max: float32
+    ranges: sequence[float32]
+    intensities: sequence[float32]
+
+
+@dataclass
+class TransformStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TransformStamped_"):
+    header: Header
+    child_frame_id: str
+    translation: Vector3
+    rotation: Quaternion
+
+
+@dataclass
+class TFMessage(IdlStruct, typename="tf2_msgs::msg::dds_::TFMessage_"):
+    transforms: sequence[TransformStamped]
+
+
+@dataclass
+class MapMetaData(IdlStruct, typename="nav_msgs::msg::dds_::MapMetaData_"):
+    map_load_time: Time
+    resolution: float32
+    width: uint32
+    height: uint32
+    origin: Pose
+
+
+@dataclass
+class OccupancyGrid(IdlStruct, typename="nav_msgs::msg::dds_::OccupancyGrid_"):
+    header: Header
+    info: MapMetaData
+    data: sequence[int8]
+
+
+@dataclass
+class OccupancyGridUpdate(IdlStruct, typename="map_msgs::msg::dds_::OccupancyGridUpdate_"):
+    header: Header
+    x: int32
+    y: int32
+    width: uint32
+    height: uint32
+    data: sequence[int8]
+
+
+SENSOR = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(5))
+RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(1000))
+LATCHED = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
+NOWHERE = Vector3(0.0, 0.0, 0.0)
+STRAIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
+
+
+def header(stamp, frame):
+    sec = int(stamp // 1)
+    return Header(Time(sec, min(round((stamp - sec) * 1e9), 999_999_999)), frame)
+
+
+def seconds(message):
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def main():
+    rate, wait_s = float(sys.argv[1]), float(sys.argv[2])
+    drive = [json.loads(line) for line in sys.stdin]
+    robot = DomainParticipant(0)
+    topic = lambda name, kind: Topic(robot, "rt/" + name, kind)
+    scans = DataWriter(robot, topic("scan", LaserScan), qos=SENSOR)
+    odometry = DataWriter(robot, topic("odom", Odometry), qos=SENSOR)
+    static = DataWriter(robot, topic("tf_static", TFMessage), qos=LATCHED)
+    transforms = DataReader(robot, topic("tf", TFMessage), qos=RELIABLE)
+    poses = DataReader(robot, topic("pose", PoseWithCovarianceStamped), qos=RELIABLE)
+    maps = DataReader(robot, topic("map", OccupancyGrid), qos=LATCHED)
+    updates = DataReader(robot, topic("map_updates", OccupancyGridUpdate), qos=RELIABLE)
+    static.write(TFMessage([TransformStamped(header(0.0, "base_link"), "laser", Vector3(0.1, 0.0, 0.2), STRAIGHT)]))
+    began = time.monotonic()
+    while not scans.get_matched_subscriptions() and time.monotonic() - began < 20:
+        time.sleep(0.05)
+    time.sleep(0.5)
+
+    found = {"poses": 0, "transforms": 0, "updates": 0, "maps": 0, "latency_ms": []}
+    sent_at = {}
+
+    def receive():
+        now = time.monotonic()
+        for message in transforms.take(1000):
+            for transform in message.transforms:
+                if transform.child_frame_id == "odom":
+                    found["transforms"] += 1
+                    found["parent"] = transform.header.frame_id
+        for message in poses.take(1000):
+            found["poses"] += 1
+            found.setdefault("first", [seconds(message), message.pose.pose.position.x])
+            found["last"] = [seconds(message), message.pose.pose.position.x]
+            stamp = round(seconds(message), 3)
+            # What came first had to wait until it was clear who plays which role.
+            if stamp in sent_at and now - sent_at[stamp] < 0.5:
+                found["latency_ms"].append(1000 * (now - sent_at[stamp]))
+        for message in maps.take(10):
+            found["maps"] += 1
+            cells = list(message.data)
+            found["map"] = [message.info.width, message.info.height, cells.count(100), cells.count(0)]
+        found["updates"] += len(updates.take(100))
+
+    start, first = time.monotonic(), drive[0]["stamp"]
+    for record in drive:
+        due = start + (record["stamp"] - first) / rate
+        while time.monotonic() < due:
+            receive()
+            time.sleep(0.0005)
+        if record["type"] == "odometry":
+            pose = Pose(Vector3(record["x"], record["y"], 0.0), STRAIGHT)
+            still = TwistWithCovariance(Twist(NOWHERE, NOWHERE), [0.0] * 36)
+            odometry.write(
+                Odometry(header(record["stamp"], "odom"), "base_link", PoseWithCovariance(pose, [0.0] * 36), still)
+            )
+        else:
+            ranges = record["ranges"]
+            low, step = record["angle_min"], record["angle_increment"]
+            high = low + step * (len(ranges) - 1)
+            scans.write(
+                LaserScan(header(record["stamp"], "laser"), low, high, step, 0.0, 0.0, 0.05, 20.0, ranges, [])
+            )
+            sent_at[round(record["stamp"], 3)] = time.monotonic()
+        receive()
+    end = time.monotonic() + wait_s
+    while time.monotonic() < end:
+        receive()
+        time.sleep(0.0005)
+    found["latency_ms"].sort()
+    latency = found.pop("latency_ms")
+    if latency:
+        found["latency_ms"] = {"median": latency[len(latency) // 2], "p99": latency[int(0.99 * (len(latency) - 1))]}
+    # Who joins late gets the map at once.
+    late = DomainParticipant(0)
+    reader = DataReader(late, Topic(late, "rt/map", OccupancyGrid), qos=LATCHED)
+    asked = time.monotonic()
+    while time.monotonic() - asked < 5:
+        if reader.take(1):
+            found["late_s"] = time.monotonic() - asked
+            break
+        time.sleep(0.005)
+    print(json.dumps(found), flush=True)
+
+
+main()

@@ -1,0 +1,15 @@
+//! Messages of ROS 2 to others: what is recorded, and what is sent to whoever speaks ROS.
+
+mod cdr_writer;
+pub(crate) mod live_messages;
+mod mcap_writer;
+mod messages;
+mod recorder;
+mod schemas;
+
+pub use crate::format::{Decision, MessageStream, pose_of};
+pub use messages::{
+    Diagnostics, Header, Imu, LaserScan, Message, OccupancyGrid, OccupancyGridUpdate, Odometry, PoseWithCovariance,
+    SpacePose, Text, Transform, Transforms, seconds_and_nanoseconds,
+};
+pub use recorder::{LiveSession, Recorder};

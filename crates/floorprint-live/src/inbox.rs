@@ -1,0 +1,249 @@
+//! What waits for the engine: a bounded queue in which scans may be lost, oldest first, and nothing else.
+
+use floorprint::localization::Start;
+use floorprint::sensors::Record;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// So many scans may wait. An engine that keeps up has one; the rest bridges a pause of the machine (0.4 s at 40 Hz).
+const MOST_SCANS: usize = 16;
+/// So many other readings may wait: a second of the fastest IMU.
+const MOST_READINGS: usize = 4096;
+
+/// Something for the engine.
+#[derive(Debug)]
+pub enum Event {
+    /// A sensor's message, and when it came.
+    Record(Record, Instant),
+    /// Somebody says where the robot is; only a localizer listens.
+    Start(Start),
+}
+
+/// What was lost because the engine did not keep up, or was not wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Lost {
+    /// Scans that newer ones pushed out.
+    pub scans: usize,
+    /// Other readings that newer ones pushed out.
+    pub readings: usize,
+    /// Scans that came while measurements were paused.
+    pub paused: usize,
+}
+
+/// The queue between sources and the engine.
+#[derive(Debug, Default)]
+pub struct Inbox {
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    waiting: VecDeque<Event>,
+    scans: usize,
+    lost: Lost,
+    is_paused: bool,
+    is_closed: bool,
+}
+
+impl State {
+    fn is_full(&self) -> bool {
+        self.scans >= MOST_SCANS || self.waiting.len() - self.scans >= MOST_READINGS
+    }
+
+    fn push(&mut self, event: Event) {
+        self.scans += usize::from(is_scan(&event));
+        self.waiting.push_back(event);
+    }
+
+    /// Takes out the oldest scan, or the oldest of the rest.
+    fn drop_oldest(&mut self, scans: bool) {
+        let Some(oldest) = self.waiting.iter().position(|event| is_scan(event) == scans) else { return };
+        self.waiting.remove(oldest);
+        if scans {
+            self.scans -= 1;
+            self.lost.scans += 1;
+        } else {
+            self.lost.readings += 1;
+        }
+    }
+}
+
+fn is_scan(event: &Event) -> bool {
+    matches!(event, Event::Record(Record::Scan(_), _))
+}
+
+impl Inbox {
+    /// An empty queue.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Puts in what a sensor just delivered. Never waits: where there is no room the oldest of its kind is lost.
+    pub fn offer(&self, record: Record) {
+        let mut state = self.lock();
+        if state.is_closed || skipped(&mut state, &record) {
+            return;
+        }
+        let event = Event::Record(record, Instant::now());
+        if is_scan(&event) && state.scans >= MOST_SCANS {
+            state.drop_oldest(true);
+        } else if !is_scan(&event) && state.waiting.len() - state.scans >= MOST_READINGS {
+            state.drop_oldest(false);
+        }
+        state.push(event);
+        self.changed.notify_all();
+    }
+
+    /// Puts in a record of a source that can wait, once there is room; false when nobody takes it any more.
+    pub fn send(&self, record: Record) -> bool {
+        let mut state = self.lock();
+        while state.is_full() && !state.is_closed {
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        if !state.is_closed && !skipped(&mut state, &record) {
+            state.push(Event::Record(record, Instant::now()));
+            self.changed.notify_all();
+        }
+        !state.is_closed
+    }
+
+    /// Says where the robot is.
+    pub fn set_start(&self, start: Start) {
+        self.lock().push(Event::Start(start));
+        self.changed.notify_all();
+    }
+
+    /// Whether scans are left out until further notice.
+    pub fn pause(&self, is_paused: bool) {
+        self.lock().is_paused = is_paused;
+    }
+
+    /// Whether scans are left out.
+    #[must_use]
+    pub fn is_paused(&self) -> bool {
+        self.lock().is_paused
+    }
+
+    /// What was lost so far.
+    #[must_use]
+    pub fn lost(&self) -> Lost {
+        self.lock().lost
+    }
+
+    /// No record comes any more; what waits is still given out.
+    pub fn close(&self) {
+        self.lock().is_closed = true;
+        self.changed.notify_all();
+    }
+
+    /// The next event, as soon as there is one; `None` when the queue is closed and empty.
+    pub fn next(&self) -> Option<Event> {
+        let mut state = self.lock();
+        loop {
+            if let Some(event) = state.waiting.pop_front() {
+                state.scans -= usize::from(is_scan(&event));
+                self.changed.notify_all();
+                return Some(event);
+            }
+            if state.is_closed {
+                return None;
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// A thread that panicked left nothing half done here.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Whether a record is left out because measurements are paused.
+fn skipped(state: &mut State, record: &Record) -> bool {
+    let is_skipped = state.is_paused && matches!(record, Record::Scan(_));
+    state.lost.paused += usize::from(is_skipped);
+    is_skipped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use floorprint::SensorId;
+    use floorprint::geometry::Pose2;
+    use floorprint::sensors::{Scan, ScanGeometry, StampedPose};
+    use std::sync::Arc;
+    use std::thread;
+    use std::time::Duration;
+
+    fn scan(stamp_s: f64) -> Record {
+        let geometry = Arc::new(ScanGeometry {
+            angles_rad: vec![0.0],
+            time_offsets_s: vec![0.0],
+            range_min_m: 0.1,
+            range_max_m: 10.0,
+            below_minimum_is_no_return: false,
+        });
+        Record::Scan(Scan { sensor: SensorId::default(), stamp_s, ranges_m: vec![1.0], geometry, odometry: None })
+    }
+
+    fn pose(stamp_s: f64) -> Record {
+        Record::Odometry(StampedPose { stamp_s, pose: Pose2::IDENTITY })
+    }
+
+    fn stamps(inbox: &Inbox) -> Vec<f64> {
+        inbox.close();
+        std::iter::from_fn(|| inbox.next())
+            .filter_map(|event| match event {
+                Event::Record(record, _) => Some(record.stamp_s()),
+                Event::Start(_) => None,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn old_scans_are_lost_and_no_odometry() {
+        let inbox = Inbox::new();
+        for step in 0..40 {
+            inbox.offer(scan(f64::from(step)));
+            inbox.offer(pose(f64::from(step) + 0.5));
+        }
+        assert_eq!(inbox.lost(), Lost { scans: 24, ..Lost::default() });
+        let stamps = stamps(&inbox);
+        assert_eq!(stamps.iter().filter(|stamp_s| stamp_s.fract() == 0.5).count(), 40);
+        assert_eq!(stamps.iter().find(|stamp_s| stamp_s.fract() == 0.0), Some(&24.0));
+    }
+
+    #[test]
+    fn a_source_that_can_wait_loses_nothing() {
+        let inbox = Inbox::new();
+        let taken = thread::scope(|scope| {
+            let taker = scope.spawn(|| {
+                let mut taken = 0;
+                while inbox.next().is_some() {
+                    taken += 1;
+                    thread::sleep(Duration::from_micros(50));
+                }
+                taken
+            });
+            (0..200).for_each(|step| assert!(inbox.send(scan(f64::from(step)))));
+            inbox.close();
+            taker.join().unwrap()
+        });
+        assert_eq!((taken, inbox.lost()), (200, Lost::default()));
+        assert!(!inbox.send(scan(0.0)));
+    }
+
+    #[test]
+    fn while_measurements_are_paused_odometry_goes_on() {
+        let inbox = Inbox::new();
+        inbox.pause(true);
+        inbox.offer(scan(1.0));
+        inbox.offer(pose(2.0));
+        assert_eq!(inbox.lost().paused, 1);
+        assert_eq!(stamps(&inbox), [2.0]);
+    }
+}

@@ -1,0 +1,25 @@
+//! Floorprint on a robot: records as they come, poses and a map at once, and a page to watch it.
+//!
+//! Sources put records into an [`Inbox`]; one thread takes them out and pushes them through an [`Engine`], which is the same
+//! synchroniser and the same SLAM as those of recorded drives; what comes of it is shown on a [`Board`], at which any number
+//! of viewers look, each at its own pace.
+
+mod board;
+mod delays;
+mod engine;
+mod http;
+mod inbox;
+mod json_lines;
+mod map_picture;
+mod playback;
+#[cfg(feature = "ros2")]
+pub mod ros2;
+
+pub use board::{Board, Counts, Line, Mode, Picture, Situation};
+pub use delays::{DelaySummary, Delays};
+pub use engine::{Engine, EngineError, Step, Whereabouts, resume};
+pub use http::{AccessError, Server, ServerError, Token};
+pub use inbox::{Event, Inbox, Lost};
+pub use json_lines::JsonLines;
+pub use map_picture::{LEVELS, MapPicture, PICTURE_SIDE, Place};
+pub use playback::play;
