@@ -301,7 +301,7 @@ impl Session<'_> {
         };
         let lost = match situation.counts.lost.scans {
             0 => String::new(),
-            scans => format!("; {scans} scans lost: the machine does not keep up"),
+            scans => format!("; {scans} scans were lost where the machine did not keep up"),
         };
         self.terminal.say(&format!("{} scans, {place}{lost}", situation.counts.steps));
     }

@@ -111,9 +111,11 @@ impl Inbox {
         !state.is_closed
     }
 
-    /// Says where the robot is.
+    /// Says where the robot is, in place of what was said before and not heard yet.
     pub fn set_start(&self, start: Start) {
-        self.lock().push(Event::Start(start));
+        let mut state = self.lock();
+        state.waiting.retain(|event| !matches!(event, Event::Start(_)));
+        state.push(Event::Start(start));
         self.changed.notify_all();
     }
 
@@ -215,6 +217,16 @@ mod tests {
         let stamps = stamps(&inbox);
         assert_eq!(stamps.iter().filter(|stamp_s| stamp_s.fract() == 0.5).count(), 40);
         assert_eq!(stamps.iter().find(|stamp_s| stamp_s.fract() == 0.0), Some(&24.0));
+    }
+
+    #[test]
+    fn only_the_last_start_counts() {
+        let inbox = Inbox::new();
+        (0..1000).for_each(|_| inbox.set_start(Start::Unknown));
+        inbox.set_start(Start::At(Pose2::IDENTITY));
+        inbox.close();
+        let events: Vec<Event> = std::iter::from_fn(|| inbox.next()).collect();
+        assert!(matches!(events[..], [Event::Start(Start::At(_))]), "{events:?}");
     }
 
     #[test]

@@ -40,6 +40,8 @@ pub(super) struct Announcer {
     stamp_s: f64,
     transformed: Option<Instant>,
     diagnosed: Instant,
+    /// Scans lost before that.
+    lost: usize,
 }
 
 /// Where the published map lies.
@@ -72,6 +74,7 @@ impl Announcer {
             stamp_s: f64::NEG_INFINITY,
             transformed: None,
             diagnosed: Instant::now(),
+            lost: 0,
         };
         let announce = move || block_on(announcer.announce());
         let thread = thread::Builder::new().name("ros2-out".to_owned()).spawn(announce);
@@ -137,13 +140,15 @@ impl Announcer {
         }
     }
 
-    fn diagnose(&self, situation: &Situation, now_s: f64) {
+    fn diagnose(&mut self, situation: &Situation, now_s: f64) {
         let Some(step) = &situation.step else { return };
         let counts = situation.counts;
+        let lost_lately =
+            counts.lost.scans - std::mem::replace(&mut self.lost, counts.lost.scans).min(counts.lost.scans);
         let (level, message) = if step.is_lost {
             (2, "lost")
-        } else if counts.lost.scans > 0 {
-            (1, "scans were lost: the machine does not keep up")
+        } else if lost_lately > 0 {
+            (1, "scans are lost: the machine does not keep up")
         } else {
             (0, "fine")
         };
