@@ -3,6 +3,9 @@
 //!
 //! Images lie in `dataRGBD/RGBN/rgbN_i.png` and `dataRGBD/DisparityN/disparityN_i.png`, or without
 //! either folder; image i, from 1, was taken at the i-th stamp. Every part may be missing.
+//!
+//! As the course hands them out the archives lie in `data` and the images beside it; the path may lead to either of the two,
+//! or to the folder above. Case does not matter, and neither do numbers where there is but one drive.
 
 use super::Format;
 use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
@@ -31,7 +34,26 @@ pub(super) const FORMAT: Format = Format {
 const GRAVITY_M_S2: f64 = 9.80665;
 
 fn recognises(source: &Source) -> bool {
-    matches!(source, Source::Folder(folder) if !drives(folder).is_empty())
+    matches!(source, Source::Folder(folder) if !places(folder).is_empty())
+}
+
+/// A folder with archives, and the drives that they are of.
+struct Place {
+    folder: PathBuf,
+    drives: BTreeMap<u32, BTreeMap<Part, PathBuf>>,
+}
+
+/// The folder itself where it holds archives; else those of its folders that do.
+fn places(folder: &FolderSource) -> Vec<Place> {
+    let place = |path: PathBuf, names: &BTreeSet<String>| {
+        let drives = drives(&path, names);
+        (!drives.is_empty()).then_some(Place { folder: path, drives })
+    };
+    if let Some(own) = place(folder.path.clone(), &folder.names) {
+        return vec![own];
+    }
+    let below = folder.names.iter().map(|name| folder.path.join(name)).filter(|path| path.is_dir());
+    below.filter_map(|path| folder_names(&path).ok().and_then(|names| place(path, &names))).collect()
 }
 
 /// The four archives of a drive.
@@ -68,17 +90,17 @@ impl Part {
     }
 }
 
-/// The archives in a folder, by drive and part.
-fn drives(folder: &FolderSource) -> BTreeMap<u32, BTreeMap<Part, PathBuf>> {
+/// The archives in a folder, by drive and part. Those without a number are of drive 0.
+fn drives(folder: &Path, names: &BTreeSet<String>) -> BTreeMap<u32, BTreeMap<Part, PathBuf>> {
     let mut drives: BTreeMap<u32, BTreeMap<Part, PathBuf>> = BTreeMap::new();
-    for name in &folder.names {
+    for name in names {
         let lower = name.to_ascii_lowercase();
         let found = Part::ALL.into_iter().find_map(|part| {
             let number = lower.strip_prefix(part.stem())?.strip_suffix(".npz")?;
-            Some((number.parse().ok()?, part))
+            Some((if number.is_empty() { 0 } else { number.parse().ok()? }, part))
         });
         if let Some((drive, part)) = found {
-            drives.entry(drive).or_default().insert(part, folder.path.join(name));
+            drives.entry(drive).or_default().insert(part, folder.join(name));
         }
     }
     drives
@@ -88,7 +110,17 @@ fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
     let Source::Folder(folder) = source else {
         return Err(Problem::new(source.path(), "a file").expected(FORMAT.description).into());
     };
-    let mut drives = drives(folder);
+    let mut places = places(folder);
+    if places.len() > 1 {
+        let list: Vec<String> = places.iter().map(|place| place.folder.display().to_string()).collect();
+        return Err(Problem::new(&folder.path, format!("several of its folders hold drives: {}", list.join(", ")))
+            .expected("a single one")
+            .advice("Name one of them")
+            .into());
+    }
+    let Some(Place { folder: place, mut drives }) = places.pop() else {
+        return Err(Problem::new(&folder.path, "it holds no drive").into());
+    };
     let present: Vec<String> = drives.keys().map(u32::to_string).collect();
     let (drive, parts) = match options.drive {
         Some(drive) => drives.remove_entry(&drive).ok_or_else(|| {
@@ -103,7 +135,7 @@ fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
         }
         None => drives.pop_first().ok_or_else(|| Problem::new(&folder.path, "it holds no drive"))?,
     };
-    Drive { max_expansion: options.max_expansion, ..Drive::default() }.read(&folder.path, drive, &parts)
+    Drive { max_expansion: options.max_expansion, ..Drive::default() }.read(&place, drive, &parts)
 }
 
 /// What has been read of a drive so far.
@@ -258,24 +290,16 @@ impl Drive {
         drive: u32,
         stamps_s: &[f64],
     ) -> Result<Vec<ImageEntry>, ReadError> {
-        let own = format!("{kind}{drive}");
-        let places =
-            [folder.join("dataRGBD").join(&own), folder.join(&own), folder.join("dataRGBD"), folder.to_path_buf()];
+        let number = if drive == 0 { String::new() } else { drive.to_string() };
         let mut entries = Vec::new();
         let keep = rising(stamps_s, false);
-        let listings: Vec<(&PathBuf, BTreeSet<String>)> = places
-            .iter()
-            .filter(|place| place.is_dir())
-            .map(|place| Ok((place, folder_names(place).map_err(|error| ReadError::io(place, &error))?)))
-            .collect::<Result<_, ReadError>>()?;
+        let listings = image_folders(folder, &format!("{kind}{number}"))?;
         for (index, (&stamp_s, keep)) in stamps_s.iter().zip(keep).enumerate() {
-            let name = format!("{}{drive}_{}.png", kind.to_ascii_lowercase(), index + 1);
-            match listings.iter().find(|(_, names)| names.contains(&name)) {
+            let name = format!("{}{number}_{}.png", kind.to_ascii_lowercase(), index + 1);
+            match listings.iter().find_map(|(place, names)| Some(place.join(names.get(&name)?))) {
                 None => self.dropped.add(DropReason::MissingImage),
                 Some(_) if !keep => self.dropped.add(DropReason::StampJump),
-                Some((place, _)) => {
-                    entries.push(ImageEntry { stamp_s, path: place.join(name), max_expansion: self.max_expansion })
-                }
+                Some(path) => entries.push(ImageEntry { stamp_s, path, max_expansion: self.max_expansion }),
             }
         }
         for entry in &entries {
@@ -283,6 +307,39 @@ impl Drive {
         }
         Ok(entries)
     }
+}
+
+/// A folder with what is in it: names in lower case, and as they are.
+type Listing = (PathBuf, BTreeMap<String, String>);
+
+/// The folders in which images of a kind may lie: beside the archives, below, and beside their folder.
+fn image_folders(archives: &Path, own: &str) -> Result<Vec<Listing>, ReadError> {
+    let refused = |path: &Path| {
+        let path = path.to_path_buf();
+        move |error: std::io::Error| ReadError::io(&path, &error)
+    };
+    let list = |path: PathBuf| -> Result<Listing, ReadError> {
+        let names = folder_names(&path).map_err(refused(&path))?;
+        Ok((path, names.into_iter().map(|name| (name.to_ascii_lowercase(), name)).collect()))
+    };
+    // The folder above may hold anything, even thousands of drives: only the one for images counts there.
+    let above = archives.canonicalize().map_err(refused(archives))?.parent().map(Path::to_path_buf);
+    let mut around = vec![list(archives.to_path_buf())?];
+    around.extend(above.filter(|above| above.is_dir()).and_then(|above| list(above).ok()));
+    let mut found = Vec::new();
+    for (index, (path, names)) in around.into_iter().enumerate() {
+        let below =
+            |name: &str| names.get(&name.to_ascii_lowercase()).map(|name| path.join(name)).filter(|at| at.is_dir());
+        for folder in [below("dataRGBD"), Some(path.clone()).filter(|_| index == 0)].into_iter().flatten() {
+            let folder = list(folder)?;
+            let inner = folder.1.get(&own.to_ascii_lowercase()).map(|name| folder.0.join(name));
+            if let Some(inner) = inner.filter(|inner| inner.is_dir()) {
+                found.push(list(inner)?);
+            }
+            found.push(folder);
+        }
+    }
+    Ok(found)
 }
 
 /// Angles and limits of the rays; their times follow from the calibration's sweep.
@@ -391,6 +448,40 @@ mod tests {
             assert!(images.disparity[0].load_disparity().is_err() && images.color[0].load_color().is_err());
             assert_eq!(drive.dropped.count(DropReason::MissingImage), 1);
             assert_eq!(drive.notes, ["no IMU: yaw comes from the wheels"]);
+        }
+    }
+
+    #[test]
+    fn every_shape_in_which_the_course_hands_out_its_data_is_read() {
+        let kinect = [("disparity_time_stamps", doubles("(1,)", &[1.0])), ("rgb_time_stamps", doubles("(1,)", &[1.5]))];
+        let stored = |arrays: Arrays| npz(arrays, CompressionMethod::Stored);
+        for (number, archives, images) in [
+            ("7", "data", "dataRGBD/Disparity7"),
+            ("7", "data", "dataRGBD"),
+            ("7", "Data", "datargbd/disparity7"),
+            ("", "data", "data"),
+        ] {
+            let course = tempfile::tempdir().unwrap();
+            let at = |name: String| course.path().join(name);
+            fs::create_dir_all(at(archives.to_owned())).unwrap();
+            let colors = images.replace("isparity7", "").replace("/D", "/RGB7").replace("/d", "/rgb7");
+            fs::create_dir_all(at(images.to_owned())).unwrap();
+            fs::create_dir_all(at(colors.clone())).unwrap();
+            fs::write(at(format!("{archives}/hokuyo{number}.npz")), stored(&hokuyo([1.0, 2.0, 3.0]))).unwrap();
+            fs::write(at(format!("{archives}/Kinect{number}.npz")), stored(&kinect)).unwrap();
+            fs::write(at(format!("{images}/Disparity{number}_1.png")), []).unwrap();
+            fs::write(at(format!("{colors}/rgb{number}_1.png")), []).unwrap();
+            for path in [at(archives.to_owned()), course.path().to_path_buf()] {
+                let drive = crate::open(&path, &OpenOptions::default()).unwrap();
+                assert_eq!(drive.scans().count(), 3);
+                let images = drive.images.expect(images);
+                assert_eq!((images.disparity.len(), images.color.len()), (1, 1), "{path:?}");
+            }
+            // Two such folders are not guessed between.
+            fs::create_dir(at("other".to_owned())).unwrap();
+            fs::write(at("other/Hokuyo7.npz".to_owned()), stored(&hokuyo([1.0, 2.0, 3.0]))).unwrap();
+            let error = crate::open(course.path(), &OpenOptions::default()).unwrap_err().to_string();
+            assert!(error.contains("several of its folders") && error.contains("other"), "{error}");
         }
     }
 

@@ -6,6 +6,7 @@
 use super::localization_map::LocalizationMap;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::Occupancy;
+use crate::scan_matcher::Grid;
 use rayon::prelude::*;
 use std::collections::BinaryHeap;
 use std::f64::consts::TAU;
@@ -48,66 +49,6 @@ pub(super) struct SearchPyramid {
     levels: Vec<Grid>,
     /// For each level the blocks in which the robot can be.
     free: Vec<Grid>,
-}
-
-#[derive(Debug, Clone, Default)]
-struct Grid {
-    columns: i32,
-    rows: i32,
-    cells: Vec<u8>,
-}
-
-impl Grid {
-    fn new(columns: i32, rows: i32) -> Self {
-        Self { columns, rows, cells: vec![0; (columns * rows) as usize] }
-    }
-
-    /// The value of a cell; 0 outside.
-    #[inline]
-    fn at(&self, x: i32, y: i32) -> u8 {
-        if (x as u32) < self.columns as u32 && (y as u32) < self.rows as u32 {
-            self.cells[(y * self.columns + x) as usize]
-        } else {
-            0
-        }
-    }
-
-    fn raise(&mut self, x: i32, y: i32, value: u8) {
-        if (x as u32) < self.columns as u32 && (y as u32) < self.rows as u32 {
-            let cell = &mut self.cells[(y * self.columns + x) as usize];
-            *cell = value.max(*cell);
-        }
-    }
-
-    /// A grid whose every cell holds the largest of the `span` × `span` cells that begin `stride` times as far.
-    fn pooled(&self, stride: i32, span: i32) -> Self {
-        let mut result = Self::new(self.columns.div_euclid(stride) + 1, self.rows.div_euclid(stride) + 1);
-        let columns = result.columns;
-        result.cells.par_chunks_mut(columns as usize).enumerate().for_each(|(y, cells)| {
-            for (x, cell) in cells.iter_mut().enumerate() {
-                let (x, y) = (x as i32 * stride, y as i32 * stride);
-                *cell = (0..span).flat_map(|dy| (0..span).map(move |dx| self.at(x + dx, y + dy))).max().unwrap_or(0);
-            }
-        });
-        result
-    }
-}
-
-impl Grid {
-    /// A grid whose every cell holds the largest of itself and of those `step` farther right, above, and both.
-    fn widened(&self, step: i32) -> Self {
-        let mut result = Self::new(self.columns, self.rows);
-        let columns = self.columns;
-        result.cells.par_chunks_mut(columns as usize).enumerate().for_each(|(y, cells)| {
-            let y = y as i32;
-            for (x, cell) in cells.iter_mut().enumerate() {
-                let x = x as i32;
-                let above = self.at(x, y + step).max(self.at(x + step, y + step));
-                *cell = self.at(x, y).max(self.at(x + step, y)).max(above);
-            }
-        });
-        result
-    }
 }
 
 impl SearchPyramid {

@@ -7,6 +7,7 @@
 //! exhaustive search.
 
 use super::correlative::SearchWindow;
+use super::pooled_grid::Grid;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::surface::SurfaceScan;
 
@@ -61,53 +62,6 @@ pub struct PlaceSearch {
     first: [i32; 2],
     /// `levels[h]` bounds blocks of 2^h × 2^h offsets.
     levels: Vec<Quads>,
-}
-
-#[derive(Debug, Clone, Default)]
-struct Grid {
-    columns: i32,
-    rows: i32,
-    cells: Vec<u8>,
-}
-
-impl Grid {
-    fn new(columns: i32, rows: i32) -> Self {
-        Self { columns, rows, cells: vec![0; (columns * rows) as usize] }
-    }
-
-    /// The value of a cell; 0 outside.
-    #[inline]
-    fn at(&self, x: i32, y: i32) -> u8 {
-        if (x as u32) < self.columns as u32 && (y as u32) < self.rows as u32 {
-            self.cells[(y * self.columns + x) as usize]
-        } else {
-            0
-        }
-    }
-
-    fn raise(&mut self, x: i32, y: i32, value: u8) {
-        if (x as u32) < self.columns as u32 && (y as u32) < self.rows as u32 {
-            let cell = &mut self.cells[(y * self.columns + x) as usize];
-            *cell = value.max(*cell);
-        }
-    }
-
-    /// A grid whose every cell holds the largest of the `span` × `span` cells that begin `stride` times as far.
-    fn pooled(&self, stride: i32, span: i32) -> Self {
-        let mut result = Self::new(self.columns.div_euclid(stride) + 1, self.rows.div_euclid(stride) + 1);
-        for y in 0..result.rows {
-            for x in 0..result.columns {
-                let mut largest = 0;
-                for dy in 0..span {
-                    for dx in 0..span {
-                        largest = largest.max(self.at(x * stride + dx, y * stride + dy));
-                    }
-                }
-                result.cells[(y * result.columns + x) as usize] = largest;
-            }
-        }
-        result
-    }
 }
 
 /// Values of four neighbouring cells, a byte each: a cell's, that of the one to its right, and of the two above these.

@@ -5,6 +5,7 @@ mod config;
 mod correlative;
 mod gauss_newton;
 mod locate;
+mod pooled_grid;
 #[cfg(test)]
 pub(crate) mod synthetic;
 #[cfg(test)]
@@ -17,3 +18,5 @@ pub use gauss_newton::{
     MatchResult, OUTLIER_LOG_LIKELIHOOD, PoseBelief, inlier_share, match_scan, outliers, without_hearsay,
 };
 pub use locate::{OdometryVerdict, locate};
+
+pub(crate) use pooled_grid::Grid;
