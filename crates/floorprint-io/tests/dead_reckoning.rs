@@ -11,7 +11,7 @@ use floorprint::SensorId;
 use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions};
 use floorprint::geometry::wrap_angle;
 use floorprint::odometry::{DeadReckoning, Finding, GyroBias, OdometrySource};
-use floorprint::sensors::{Record, Scan, ScanGeometry};
+use floorprint::sensors::{Record, Scan, ScanGeometry, Stream};
 use floorprint_io::{DataSet, OpenOptions, open, read_trajectory};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -188,7 +188,13 @@ fn counters_read_with_the_scan_are_taken_as_stamped() {
             let mut config = config(&drive);
             config.odometry.repair_encoder_stamps = repair;
             let frames = Frames::new(&drive.records, &config).unwrap();
-            assert_eq!(frames.summary().findings, [Finding::NoImu]);
+            // This robot's laser stamps its scans when they have arrived, well after the counters were read.
+            let findings = frames.summary().findings;
+            assert!(
+                matches!(findings[..], [Finding::Lag { sensor: Stream::Encoders, late_s }, Finding::NoImu]
+                    if (-0.2..-0.13).contains(&late_s)),
+                "{findings:?}"
+            );
             assert_eq!((frames.len(), frames.summary().dropped.total()), (drive.scans().count(), 0));
             frames.dead_reckoned_poses()
         };

@@ -1,8 +1,8 @@
 //! What a live session leaves: its session, trajectory and map, in a folder that appears whole or not at all.
 
 use super::{Session, Tally};
-use crate::solved::nothing_seen;
 use crate::session_keeper::SessionKeeper;
+use crate::solved::nothing_seen;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
 use floorprint::{Config, Slam, SlamResult};
