@@ -1,6 +1,6 @@
 //! Calibration from an ordinary drive, without targets: wheels, gyro, odometry, the LiDARs' mounts and the clocks.
 //!
-//! The scans alone show how the LiDAR moved ([`ScanPath`]); the odometry states how the body moved ([`Readings`]). Both
+//! The scans alone show how the LiDAR moved (`scan_path.rs`); the odometry states how the body moved (`readings.rs`). Both
 //! are the same motion seen from two places of one rigid body, so over every stretch of the drive
 //! R(ψ)·s = d + (R(θ) − I)·m (A. Censi et al.: Simultaneous calibration of odometry and sensor parameters for mobile
 //! robots, T-RO 2013), s being the LiDAR's motion, d and θ the body's, m and ψ the mount; which is solved for mount,
