@@ -17,6 +17,8 @@ mod interrupt;
 mod live;
 mod localize;
 mod map;
+mod map_drawing;
+mod mcap;
 mod number;
 mod optimize;
 mod outcome;

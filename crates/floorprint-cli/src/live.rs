@@ -128,8 +128,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         results.notes().iter().for_each(|note| terminal.warn(note));
     }
     let keeper = arguments.keeper(out.as_deref(), &config, terminal)?;
-    arguments.page.show(&board, terminal)?;
-    source.announce(&board)?;
+    let frames = source.frames(&config);
+    arguments.page.show(&board, &frames, terminal)?;
+    source.announce(&board, &frames)?;
     let closed = Arc::clone(&inbox);
     interrupt.on_request(move || closed.close());
     let session = Session { terminal, config: &config, interrupt: &interrupt, board: &board };

@@ -93,10 +93,14 @@ fn a_drive_becomes_a_folder_with_everything_in_it() {
     assert!(text(&output.stdout).contains("report.html"));
     for name in [
         "trajectory.tum",
+        "trajectory.kitti",
+        "live.tum",
         "odometry.tum",
         "map.pgm",
         "map.yaml",
         "map.png",
+        "trajectories.png",
+        "trajectories.svg",
         "texture.png",
         "texture.json",
         "images.tum",

@@ -35,6 +35,13 @@ pub fn seconds_and_nanoseconds(stamp_s: f64) -> (i32, u32) {
     if nanoseconds >= 1e9 { (seconds as i32 + 1, 0) } else { (seconds as i32, nanoseconds as u32) }
 }
 
+/// A stamp in seconds as nanoseconds, as files and viewers have times; 0 of what lies before 1970.
+#[must_use]
+pub fn nanoseconds(stamp_s: f64) -> u64 {
+    let (seconds, nanoseconds) = seconds_and_nanoseconds(stamp_s);
+    u64::try_from(i64::from(seconds) * 1_000_000_000 + i64::from(nanoseconds)).unwrap_or(0)
+}
+
 impl CdrWriter {
     fn header(&mut self, header: &Header<'_>) {
         let (seconds, nanoseconds) = seconds_and_nanoseconds(header.stamp_s);

@@ -2,7 +2,6 @@
 
 mod cdr_writer;
 pub(crate) mod live_messages;
-mod mcap_writer;
 mod messages;
 mod recorder;
 mod schemas;
@@ -10,6 +9,6 @@ mod schemas;
 pub use crate::format::{Decision, MessageStream, pose_of};
 pub use messages::{
     Diagnostics, Header, Imu, LaserScan, Message, OccupancyGrid, OccupancyGridUpdate, Odometry, PoseWithCovariance,
-    SpacePose, Text, Transform, Transforms, seconds_and_nanoseconds,
+    SpacePose, Text, Transform, Transforms, nanoseconds, seconds_and_nanoseconds,
 };
-pub use recorder::{LiveSession, Recorder};
+pub use recorder::{LiveSession, Recorder, lidar_frame};

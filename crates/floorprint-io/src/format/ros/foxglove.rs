@@ -344,4 +344,18 @@ mod tests {
         assert_eq!((placed.len(), placed[1].child.as_str(), placed[1].pose.translation_m.x), (2, "base", 3.0));
         assert!(decode_protobuf("foxglove.LaserScan", &bytes[..9]).is_none());
     }
+
+    #[test]
+    fn what_is_written_is_read() {
+        use crate::foxglove::{FrameTransform, FrameTransforms, Message as _};
+        let pose = crate::ros::SpacePose::from(&floorprint::geometry::Pose2::new(1.0, -2.0, 0.5));
+        let transform = FrameTransform { stamp_s: 12.25, parent: "map", child: "odom", pose };
+        let bytes = FrameTransforms(vec![transform]).to_protobuf();
+        let Some(Message::Transforms(placed)) = decode_protobuf("foxglove.FrameTransforms", &bytes) else {
+            panic!("no transforms")
+        };
+        let [Placed { stamp_s, parent, child, pose }] = &placed[..] else { panic!("not one") };
+        assert_eq!((*stamp_s, parent.as_str(), child.as_str()), (12.25, "map", "odom"));
+        assert_eq!(pose.translation_m.as_slice(), [1.0, -2.0, 0.0]);
+    }
 }
