@@ -6,6 +6,7 @@ mod data_set;
 mod ece276a_writer;
 mod error;
 mod exchange;
+mod file_lock;
 mod floor_file;
 mod format;
 pub mod foxglove;
@@ -38,6 +39,7 @@ pub use data_set::{
 };
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
+pub use file_lock::FileLock;
 pub use floor_file::{floor_picture, read_floor, write_floor};
 pub use format::Format;
 pub use g2o::{G2o, read_g2o, write_g2o};

@@ -492,7 +492,7 @@ pub fn free_beside(target: &Path) -> PathBuf {
 
 /// Whether `folder` is what stands at `path`.
 #[cfg(unix)]
-fn is_at(folder: &File, path: &Path) -> bool {
+pub(crate) fn is_at(folder: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     let identity = |found: &fs::Metadata| (found.dev(), found.ino());
     matches!((folder.metadata(), fs::metadata(path)), (Ok(own), Ok(there)) if identity(&own) == identity(&there))
@@ -500,7 +500,7 @@ fn is_at(folder: &File, path: &Path) -> bool {
 
 /// Whether `folder` is what stands at `path`: elsewhere, folders that are open cannot be moved.
 #[cfg(not(unix))]
-fn is_at(_folder: &File, path: &Path) -> bool {
+pub(crate) fn is_at(_folder: &File, path: &Path) -> bool {
     path.exists()
 }
 

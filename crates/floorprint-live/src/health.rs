@@ -7,6 +7,9 @@ use floorprint_io::ros::{Diagnostics, Header, Message as _};
 /// How often it is told.
 pub(crate) const PERIOD: std::time::Duration = std::time::Duration::from_secs(1);
 
+/// A LiDAR whose newest scan is so much older than the newest odometry has fallen silent, seconds.
+const SILENCE_S: f64 = 2.0;
+
 /// Tells one listener how it goes.
 #[derive(Debug, Default)]
 pub(crate) struct Health {
@@ -19,7 +22,9 @@ impl Health {
     pub(crate) fn tell(&mut self, situation: &Situation, step: &Step, now_s: f64) -> Vec<u8> {
         let counts = situation.counts;
         let lost_lately = counts.lost.scans.saturating_sub(std::mem::replace(&mut self.lost, counts.lost.scans));
-        let (level, message) = if step.is_lost {
+        let (level, message) = if now_s - step.stamp_s > SILENCE_S {
+            (2, "no scans come")
+        } else if step.is_lost {
             (2, "lost")
         } else if lost_lately > 0 {
             (1, "scans are lost: the machine does not keep up")

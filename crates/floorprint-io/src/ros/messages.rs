@@ -252,6 +252,31 @@ impl Message for PoseWithCovariance<'_> {
     }
 }
 
+/// `nav2_msgs/ParticleCloud`: poses with their weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParticleCloud<'a> {
+    /// Stamp and the frame in which the poses are.
+    pub header: Header<'a>,
+    /// Poses and weights.
+    pub particles: &'a [(Pose2, f64)],
+}
+
+impl Message for ParticleCloud<'_> {
+    const TYPE: &'static str = "nav2_msgs/msg/ParticleCloud";
+    const SCHEMA: &'static str = schemas::PARTICLE_CLOUD;
+
+    fn to_cdr(&self) -> Vec<u8> {
+        let mut cdr = CdrWriter::new();
+        cdr.header(&self.header);
+        cdr.count(self.particles.len());
+        for (pose, weight) in self.particles {
+            cdr.pose(&pose.into());
+            cdr.f64(*weight);
+        }
+        cdr.into_bytes()
+    }
+}
+
 /// `nav_msgs/OccupancyGrid`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OccupancyGrid<'a> {

@@ -8,7 +8,7 @@ mod schemas;
 
 pub use crate::format::{Decision, MessageStream, pose_of};
 pub use messages::{
-    Diagnostics, Header, Imu, LaserScan, Message, OccupancyGrid, OccupancyGridUpdate, Odometry, PoseWithCovariance,
-    SpacePose, Text, Transform, Transforms, nanoseconds, seconds_and_nanoseconds,
+    Diagnostics, Header, Imu, LaserScan, Message, OccupancyGrid, OccupancyGridUpdate, Odometry, ParticleCloud,
+    PoseWithCovariance, SpacePose, Text, Transform, Transforms, nanoseconds, seconds_and_nanoseconds,
 };
 pub use recorder::{LiveSession, Recorder, lidar_frame};

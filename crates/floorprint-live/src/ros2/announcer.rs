@@ -1,6 +1,6 @@
 //! What the node publishes: transforms and poses with each scan, the map as it grows, and how it goes.
 
-use super::node::{Node, NodeError, latched, reliable};
+use super::node::{Node, NodeError, latched, of_sensors, reliable};
 use super::options::Options;
 use super::raw_message::RawMessage;
 use crate::board::{Board, Mode, Picture, Situation};
@@ -9,7 +9,8 @@ use crate::map_picture::{MapPicture, PICTURE_SIDE};
 use floorprint::geometry::Pose2;
 use floorprint::map::Occupancy;
 use floorprint_io::ros::{
-    Diagnostics, Header, Message, OccupancyGrid, OccupancyGridUpdate, PoseWithCovariance, Transform, Transforms,
+    Diagnostics, Header, Message, OccupancyGrid, OccupancyGridUpdate, ParticleCloud, PoseWithCovariance, Transform,
+    Transforms,
 };
 use futures::executor::block_on;
 use futures::future::{Either, select};
@@ -31,6 +32,8 @@ pub(super) struct Announcer {
     updates: Publisher<RawMessage>,
     transforms: Publisher<RawMessage>,
     pose: Publisher<RawMessage>,
+    /// What a localizer considers; nothing where a map is made.
+    particles: Option<Publisher<RawMessage>>,
     diagnostics: Publisher<RawMessage>,
     /// What of the map was published, and when all of it.
     published: Option<(Layout, Instant)>,
@@ -65,6 +68,10 @@ impl Announcer {
             updates: node.publisher::<OccupancyGridUpdate<'_>>(&format!("{map}_updates"), &reliable(100))?,
             transforms: node.publisher::<Transforms<'_>>("/tf", &reliable(100))?,
             pose: node.publisher::<PoseWithCovariance<'_>>(pose, &latched(1))?,
+            particles: match board.mode {
+                Mode::Localization => Some(node.publisher::<ParticleCloud<'_>>("particle_cloud", &of_sensors())?),
+                Mode::Mapping | Mode::Viewing => None,
+            },
             diagnostics: node.publisher::<Diagnostics<'_>>("/diagnostics", &reliable(10))?,
             options,
             published: None,
@@ -130,6 +137,10 @@ impl Announcer {
             if let Some(pose) = step.pose {
                 let header = Header { stamp_s: step.stamp_s, frame: &self.options.map_frame };
                 publish(&self.pose, &PoseWithCovariance { header, pose, covariance: step.covariance });
+            }
+            if let Some(particles) = &self.particles {
+                let header = Header { stamp_s: step.stamp_s, frame: &self.options.map_frame };
+                publish(particles, &ParticleCloud { header, particles: &step.modes });
             }
         }
         if self.diagnosed.elapsed() >= health::PERIOD {
