@@ -1,6 +1,6 @@
 //! Messages in Foxglove's own schemas, in protobuf: what is shown live and what `run --mcap` writes.
 //!
-//! [`messages`] are the messages, `protobuf_writer` puts them into bytes, `descriptor` says to whoever decodes them what is in
+//! `messages` are the messages, `protobuf_writer` puts them into bytes, `descriptor` says to whoever decodes them what is in
 //! them. Poses with a covariance have no schema among them: those are `geometry_msgs/PoseWithCovarianceStamped` of ROS 2,
 //! which Foxglove draws as well.
 
