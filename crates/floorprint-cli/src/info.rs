@@ -119,7 +119,7 @@ impl Info {
             ("odometry of scans", stamps(|record| matches!(record, Record::Scan(scan) if scan.odometry.is_some()))),
         ];
         if let Some(images) = &data_set.images {
-            streams.push(("disparity images", images.disparity.iter().map(|image| image.stamp_s).collect()));
+            streams.push(("depth images", images.depth.iter().map(|image| image.stamp_s).collect()));
             streams.push(("colour images", images.color.iter().map(|image| image.stamp_s).collect()));
         }
         Self {

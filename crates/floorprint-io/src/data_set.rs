@@ -43,6 +43,10 @@ pub struct TopicChoice {
     pub truth: Option<String>,
     /// The frame that is taken for the robot's body.
     pub base: Option<String>,
+    /// Topic of the colour images by which the floor is painted.
+    pub color: Option<String>,
+    /// Topic of the depth images that tell floor from what stands on it.
+    pub depth: Option<String>,
 }
 
 impl TopicChoice {
@@ -53,6 +57,8 @@ impl TopicChoice {
             (self.odometry.is_some(), "--odom"),
             (self.truth.is_some(), "--truth"),
             (self.base.is_some(), "--base"),
+            (self.color.is_some(), "--color"),
+            (self.depth.is_some(), "--depth"),
         ]
         .into_iter()
         .find_map(|(is_set, option)| is_set.then_some(option))

@@ -40,7 +40,7 @@ pub use floor_file::{read_floor, write_floor};
 pub use format::Format;
 pub use g2o::{G2o, read_g2o, write_g2o};
 pub use geotiff::{write_floor_geotiff, write_map_geotiff};
-pub use images::{ImageEntry, ImageIndex};
+pub use images::{ImageEntry, ImageIndex, LoadedPair};
 pub use map_file::{map_bytes, read_map, write_map, write_raw_map, write_scaled_map};
 pub use picture::{Picture, Pixels, png_bytes, read_png, write_animated_png, write_png};
 pub use regular_file::read_text;

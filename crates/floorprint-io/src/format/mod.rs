@@ -9,8 +9,8 @@ use crate::data_set::{DataSet, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::source::Source;
 
-pub(crate) use ros::begins_like_recording;
 pub use ros::{Decision, MessageStream, pose_of};
+pub(crate) use ros::{RecordedImages, begins_like_recording};
 
 /// All formats, in the order in which they are tried.
 const FORMATS: [Format; 4] = [ros::FORMAT, ece276a::FORMAT, carmen::FORMAT, encoder_log::FORMAT];

@@ -1,6 +1,8 @@
 //! The messages that matter, taken out of either serialisation.
 
+use super::camera::Calibration;
 use super::cursor::{Cursor, frame_name};
+use super::image::{ImageHead, ImageMessage};
 use super::{Channel, Encoding, foxglove};
 use floorprint::geometry::Pose3;
 
@@ -18,6 +20,10 @@ pub(super) enum Message {
     Transforms(Vec<Placed>),
     /// Turning and acceleration.
     Imu(Inertial),
+    /// An image, of which only the beginning was looked at.
+    Image(ImageHead),
+    /// A camera's intrinsics.
+    Calibration(Calibration),
 }
 
 /// Which of them a topic holds.
@@ -31,6 +37,9 @@ pub(super) enum Kind {
     PoseWithCovarianceStamped,
     Transforms,
     Imu,
+    Image,
+    CompressedImage,
+    CameraInfo,
 }
 
 /// `sensor_msgs/LaserScan`.
@@ -92,13 +101,20 @@ impl Kind {
                 Self::Transforms
             }
             ("sensor_msgs", "Imu") => Self::Imu,
+            ("sensor_msgs", "Image") => Self::Image,
+            ("sensor_msgs", "CompressedImage") => Self::CompressedImage,
+            ("sensor_msgs", "CameraInfo") => Self::CameraInfo,
             _ => return None,
         })
     }
 }
 
 /// Takes a message apart; `None` when its bytes are no such message.
-pub(super) fn decode(kind: Kind, Channel { type_name, encoding, .. }: &Channel, bytes: &[u8]) -> Option<Message> {
+pub(super) fn decode(kind: Kind, channel: &Channel, bytes: &[u8]) -> Option<Message> {
+    if matches!(kind, Kind::Image | Kind::CompressedImage) {
+        return Some(Message::Image(ImageMessage::read(kind, channel, bytes)?.head));
+    }
+    let Channel { type_name, encoding, .. } = channel;
     let mut cursor = match encoding {
         Encoding::Ros1 => Cursor::ros1(bytes),
         Encoding::Cdr => Cursor::cdr(bytes)?,
@@ -136,6 +152,9 @@ pub(super) fn decode(kind: Kind, Channel { type_name, encoding, .. }: &Channel, 
             let parent = header.frame.to_owned();
             Some(Placed { stamp_s: header.stamp_s, parent, child, pose: pose(cursor)? })
         })?),
+        Kind::CameraInfo => Message::Calibration(Calibration::read(cursor)?),
+        // Taken apart above.
+        Kind::Image | Kind::CompressedImage => return None,
         Kind::Imu => {
             let header = cursor.header()?;
             let _orientation_with_covariance: [f64; 4 + 9] = cursor.f64s()?;

@@ -1,9 +1,11 @@
 //! From the messages that play a role to records.
 
+use super::camera::Camera;
 use super::messages::{Inertial, Kind, LaserScan, Message, Placed, decode};
 use super::roles::{Lidar, Odometry, Roles};
 use super::{RawMessage, slice};
 use crate::data_set::{DropCounts, DropReason};
+use crate::images::{ImageEntry, ImagePlace};
 use floorprint::SensorId;
 use floorprint::geometry::{Pose2, Pose3};
 use floorprint::sensors::{ImuReading, Record, Scan, ScanGeometry, StampedPose};
@@ -22,6 +24,10 @@ pub(super) struct RecordMaker {
     slice_geometry: Arc<ScanGeometry>,
     /// The stamp of the last odometry: TF repeats its poses.
     odometry_stamp_s: Option<f64>,
+    /// Depth and colour images so far.
+    pub(super) images: [Vec<ImageEntry>; 2],
+    /// Messages on the topics of depth and colour images so far.
+    image_messages: [usize; 2],
     /// The true poses so far.
     pub(super) truth: Vec<StampedPose>,
     /// What could not be used.
@@ -37,6 +43,8 @@ impl RecordMaker {
             geometries: VecDeque::new(),
             slice_geometry: Arc::new(slice::geometry()),
             odometry_stamp_s: None,
+            images: [Vec::new(), Vec::new()],
+            image_messages: [0; 2],
             truth: Vec::new(),
             dropped: DropCounts::default(),
         }
@@ -54,6 +62,11 @@ impl RecordMaker {
         let imu = roles.imu.as_ref().filter(|(name, _)| name == topic);
         let is_truth = roles.truth.as_deref() == Some(topic);
         let Some(kind) = Kind::of(&message.channel.type_name) else { return };
+        if let Some(camera) = &roles.camera
+            && matches!(kind, Kind::Image | Kind::CompressedImage)
+        {
+            return self.take_image(camera, kind, message, roles.by_log_time);
+        }
         let plays = lidar.is_some() || is_odometry || imu.is_some() || is_truth;
         if !plays && (edge.is_none() || kind != Kind::Transforms) {
             return;
@@ -99,7 +112,22 @@ impl RecordMaker {
                 }
             }
             // Counted by the survey.
-            (None, _) | (Some(Message::Scan(_) | Message::Cloud(_)), None) => {}
+            (None | Some(Message::Image(_) | Message::Calibration(_)), _)
+            | (Some(Message::Scan(_) | Message::Cloud(_)), None) => {}
+        }
+    }
+
+    /// Notes where an image of the camera is.
+    fn take_image(&mut self, camera: &Camera, kind: Kind, message: &RawMessage<'_>, by_log_time: bool) {
+        let topic = &message.channel.topic;
+        let Some(which) = [&camera.depth_topic, &camera.color_topic].iter().position(|name| *name == topic) else {
+            return;
+        };
+        let number = self.image_messages[which];
+        self.image_messages[which] += 1;
+        if let Some(Message::Image(head)) = decode(kind, message.channel, message.bytes) {
+            let stamp_s = if by_log_time { message.log_time_s } else { head.stamp_s };
+            self.images[which].push(ImageEntry { stamp_s, place: ImagePlace::Message(number) });
         }
     }
 

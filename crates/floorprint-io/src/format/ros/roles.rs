@@ -7,6 +7,7 @@
 //! * **Odometry**: a topic of poses, else the first moving frame above the base.
 //! * **Truth**: poses on a topic whose name says so.
 
+use super::camera::{self, Camera};
 use super::cursor::frame_name;
 use super::messages::Kind;
 use super::survey::{Survey, Topic};
@@ -43,6 +44,8 @@ pub(super) struct Roles {
     pub(super) imu: Option<(String, Pose3)>,
     /// The topic of the true poses.
     pub(super) truth: Option<String>,
+    /// The RGB-D camera by which the floor is painted.
+    pub(super) camera: Option<Camera>,
     /// Whether transforms say where all LiDARs sit.
     pub(super) all_places_known: bool,
     /// Whether messages count as taken when they were recorded: where their own stamps are nonsense.
@@ -101,6 +104,7 @@ impl Roles {
             odometry: None,
             imu: None,
             truth: None,
+            camera: None,
             all_places_known: true,
             by_log_time: false,
             reasons: Vec::new(),
@@ -113,11 +117,12 @@ impl Roles {
         roles.choose_odometry(survey, odometry);
         roles.choose_lidars(survey, scans, !wanted.scans.is_empty());
         roles.choose_imu(survey);
+        camera::choose(&mut roles, survey, wanted)?;
         roles.choose_clock(survey);
         Ok(roles)
     }
 
-    fn because(&mut self, role: &'static str, what: impl Into<String>, why: impl Into<String>) {
+    pub(super) fn because(&mut self, role: &'static str, what: impl Into<String>, why: impl Into<String>) {
         self.reasons.push(Reason { role, what: what.into(), why: why.into() });
     }
 
@@ -503,7 +508,7 @@ fn is_called_truth(name: &str) -> bool {
 }
 
 /// The topic that an option names, with or without its leading slash.
-fn named<'a>(
+pub(super) fn named<'a>(
     survey: &'a Survey,
     option: &'static str,
     name: &str,
