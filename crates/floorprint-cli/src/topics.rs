@@ -10,7 +10,7 @@ pub(crate) struct Topics {
     /// Topic of a bag's scans. Can be repeated: several LiDARs are used together.
     #[arg(long, value_name = "TOPIC", alias = "scan_topic")]
     scan: Vec<String>,
-    /// Topic of a bag's odometry; /tf for the odometry among its transforms.
+    /// Topic of a bag's odometry; /tf for the odometry among its transforms, a topic of joints for its wheels.
     #[arg(long, value_name = "TOPIC", alias = "odom_topic")]
     odom: Option<String>,
     /// Topic of a bag's true poses, with which the trajectory is compared.

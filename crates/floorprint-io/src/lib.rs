@@ -28,11 +28,12 @@ mod session_file;
 mod source;
 mod stamps;
 mod trajectory;
+mod unpack;
 
 pub use budget::USUAL_EXPANSION;
 pub use data_set::{
-    BagContents, DataSet, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice, TopicSummary,
-    open,
+    BagContents, DataSet, DriveEntry, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice,
+    TopicSummary, drives, open,
 };
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};

@@ -8,7 +8,7 @@
 //! or to the folder above. Case does not matter, and neither do numbers where there is but one drive.
 
 use super::Format;
-use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
+use crate::data_set::{DataSet, DriveEntry, DropCounts, DropReason, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::images::{ImageEntry, ImageIndex};
 use crate::npz::{Npz, problem};
@@ -78,6 +78,15 @@ impl Part {
         }
     }
 
+    fn name(self) -> &'static str {
+        match self {
+            Self::Encoders => "encoders",
+            Self::Hokuyo => "Hokuyo",
+            Self::Imu => "IMU",
+            Self::Kinect => "Kinect",
+        }
+    }
+
     /// What a drive without this part cannot give.
     fn loss(self, present: &BTreeMap<Self, PathBuf>) -> &'static str {
         match self {
@@ -104,6 +113,21 @@ fn drives(folder: &Path, names: &BTreeSet<String>) -> BTreeMap<u32, BTreeMap<Par
         }
     }
     drives
+}
+
+/// The drives in a folder, with what there is of each.
+pub(super) fn drive_entries(folder: &FolderSource) -> Vec<DriveEntry> {
+    let places = places(folder);
+    let path = |place: &Place| if places.len() == 1 { folder.path.clone() } else { place.folder.clone() };
+    let entry = |place: &Place, drive: u32, parts: &BTreeMap<Part, PathBuf>| {
+        let names: Vec<&str> = parts.keys().map(|part| part.name()).collect();
+        let drive = (place.drives.len() > 1).then_some(drive);
+        DriveEntry { path: path(place), drive, holds: names.join(", ") }
+    };
+    let entries = |place: &Place| -> Vec<DriveEntry> {
+        place.drives.iter().map(|(&drive, parts)| entry(place, drive, parts)).collect()
+    };
+    places.iter().flat_map(entries).collect()
 }
 
 fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
@@ -190,6 +214,7 @@ impl Drive {
             input_hash: self.hash.finish(),
             bag: None,
             live: None,
+            unpacked: None,
         })
     }
 

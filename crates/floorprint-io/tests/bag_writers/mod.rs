@@ -156,6 +156,20 @@ pub fn transform(topic: &str, stamp_ns: u64, parent: &str, child: &str, place: [
     })
 }
 
+/// `sensor_msgs/JointState`: names with angles in radians.
+pub fn joints(topic: &str, stamp_ns: u64, angles: &[(&str, f64)]) -> Message {
+    message(topic, "sensor_msgs/JointState", stamp_ns + 1_000_000, |fields| {
+        fields.header(stamp_ns, "");
+        fields.u32(angles.len() as u32);
+        for (name, _) in angles {
+            fields.text(name);
+        }
+        fields.f64s(&angles.iter().map(|(_, angle_rad)| *angle_rad).collect::<Vec<_>>());
+        fields.f64s(&[]);
+        fields.f64s(&[]);
+    })
+}
+
 /// `parent → child` at a place in metres, with a turn as x, y, z, w.
 pub fn placed(topic: &str, stamp_ns: u64, parent: &str, child: &str, place: [f64; 3], turn: [f64; 4]) -> Message {
     message(topic, "tf2_msgs/TFMessage", stamp_ns + 1_000_000, |fields| {

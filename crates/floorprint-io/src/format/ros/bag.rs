@@ -75,6 +75,7 @@ pub(super) fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, Re
         input_hash,
         bag: Some(contents(&survey, roles, truth)),
         live: None,
+        unpacked: None,
     })
 }
 

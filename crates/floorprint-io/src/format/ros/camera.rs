@@ -64,12 +64,24 @@ impl Calibration {
         let (rows, columns) = (cursor.u32()? as usize, cursor.u32()? as usize);
         let model = cursor.text()?.to_owned();
         let distortion = cursor.list(Cursor::f64)?;
-        let intrinsics = |fx, cx, fy, cy| Intrinsics { focal_px: [fx, fy], center_px: [cx, cy] };
-        let [kfx, _, kcx, _, kfy, kcy, ..]: [f64; 9] = cursor.f64s()?;
-        let _rotation: [f64; 9] = cursor.f64s()?;
-        let [pfx, _, pcx, _, _, pfy, pcy, ..]: [f64; 12] = cursor.f64s()?;
-        let (raw, rectified) = (intrinsics(kfx, kcx, kfy, kcy), intrinsics(pfx, pcx, pfy, pcy));
-        Some(Self { stamp_s, frame, size_px: [columns, rows], model, distortion, raw, rectified })
+        let (k, _rotation): ([f64; 9], [f64; 9]) = (cursor.f64s()?, cursor.f64s()?);
+        let p: [f64; 12] = cursor.f64s()?;
+        Some(Self::new(stamp_s, frame, [columns, rows], model, distortion, &k, &p))
+    }
+
+    /// Of the matrices K and P.
+    pub(super) fn new(
+        stamp_s: f64,
+        frame: String,
+        size_px: [usize; 2],
+        model: String,
+        distortion: Vec<f64>,
+        k: &[f64; 9],
+        p: &[f64; 12],
+    ) -> Self {
+        let raw = Intrinsics { focal_px: [k[0], k[4]], center_px: [k[2], k[5]] };
+        let rectified = Intrinsics { focal_px: [p[0], p[5]], center_px: [p[2], p[6]] };
+        Self { stamp_s, frame, size_px, model, distortion, raw, rectified }
     }
 
     /// The camera of images of a size, rectified or not, at a mount; the error says what cannot be.

@@ -4,6 +4,7 @@
 //! the units of depth images.
 
 use super::cursor::Cursor;
+use super::foxglove::ImageParts;
 use super::messages::Kind;
 use super::{Channel, Encoding};
 use crate::budget::USUAL_EXPANSION;
@@ -116,6 +117,7 @@ impl<'a> ImageMessage<'a> {
         let cursor = &mut match channel.encoding {
             Encoding::Ros1 => Cursor::ros1(bytes),
             Encoding::Cdr => Cursor::cdr(bytes)?,
+            Encoding::Protobuf => return Self::of_protobuf(kind, bytes),
             _ => return None,
         };
         let header = cursor.header()?;
@@ -132,6 +134,15 @@ impl<'a> ImageMessage<'a> {
         let layout = Layout::of_raw(&encoding);
         let head = ImageHead { stamp_s, frame, encoding, layout, size_px: Some([columns, rows]) };
         Some(Self { head, row_bytes, is_big_endian, data: cursor.byte_list()? })
+    }
+
+    /// The same in Foxglove's schemas.
+    fn of_protobuf(kind: Kind, bytes: &'a [u8]) -> Option<Self> {
+        let parts = ImageParts::read(bytes, kind == Kind::CompressedImage)?;
+        let ImageParts { stamp_s, frame, encoding, size_px, row_bytes, data } = parts;
+        let layout = if size_px.is_none() { Layout::of_compressed(&encoding) } else { Layout::of_raw(&encoding) };
+        let head = ImageHead { stamp_s, frame, encoding, layout, size_px };
+        Some(Self { head, row_bytes, is_big_endian: false, data })
     }
 
     /// The image as colours; the error says what was found instead.
@@ -204,6 +215,10 @@ impl<'a> ImageMessage<'a> {
 
     fn raw_color(&self, stamp_s: f64, rgb: Vec<[u8; 3]>) -> Result<ColorImage, String> {
         let [width, height] = self.head.size_px.unwrap_or_default();
+        if width.checked_mul(height) != Some(rgb.len()) {
+            // Half a pair of pixels at the end of each row.
+            return Err(format!("{} pixels for {width}×{height}", rgb.len()));
+        }
         Ok(ColorImage { stamp_s, width, height, rgb })
     }
 

@@ -24,6 +24,8 @@ pub(super) enum Message {
     Image(ImageHead),
     /// A camera's intrinsics.
     Calibration(Calibration),
+    /// Angles of joints.
+    Joints(Joints),
 }
 
 /// Which of them a topic holds.
@@ -40,6 +42,7 @@ pub(super) enum Kind {
     Image,
     CompressedImage,
     CameraInfo,
+    JointState,
 }
 
 /// `sensor_msgs/LaserScan`.
@@ -86,6 +89,14 @@ pub(super) struct Inertial {
     pub(super) linear_acceleration_m_s2: [f64; 3],
 }
 
+/// `sensor_msgs/JointState`: names and positions only.
+pub(super) struct Joints {
+    pub(super) stamp_s: f64,
+    pub(super) names: Vec<String>,
+    /// Radians, for joints that turn.
+    pub(super) positions: Vec<f64>,
+}
+
 impl Kind {
     /// By the name of a type: `package/Type`, `package/msg/Type` or `foxglove.Type`.
     pub(super) fn of(type_name: &str) -> Option<Self> {
@@ -101,9 +112,10 @@ impl Kind {
                 Self::Transforms
             }
             ("sensor_msgs", "Imu") => Self::Imu,
-            ("sensor_msgs", "Image") => Self::Image,
-            ("sensor_msgs", "CompressedImage") => Self::CompressedImage,
-            ("sensor_msgs", "CameraInfo") => Self::CameraInfo,
+            ("sensor_msgs", "Image") | ("foxglove", "RawImage") => Self::Image,
+            ("sensor_msgs" | "foxglove", "CompressedImage") => Self::CompressedImage,
+            ("sensor_msgs", "CameraInfo") | ("foxglove", "CameraCalibration") => Self::CameraInfo,
+            ("sensor_msgs", "JointState") => Self::JointState,
             _ => return None,
         })
     }
@@ -153,6 +165,11 @@ pub(super) fn decode(kind: Kind, channel: &Channel, bytes: &[u8]) -> Option<Mess
             Some(Placed { stamp_s: header.stamp_s, parent, child, pose: pose(cursor)? })
         })?),
         Kind::CameraInfo => Message::Calibration(Calibration::read(cursor)?),
+        Kind::JointState => {
+            let stamp_s = cursor.header()?.stamp_s;
+            let names = cursor.list(|cursor| Some(cursor.text()?.to_owned()))?;
+            Message::Joints(Joints { stamp_s, names, positions: cursor.list(Cursor::f64)? })
+        }
         // Taken apart above.
         Kind::Image | Kind::CompressedImage => return None,
         Kind::Imu => {

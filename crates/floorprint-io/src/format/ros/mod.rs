@@ -26,6 +26,7 @@ mod slice;
 mod stream;
 mod survey;
 mod transforms;
+mod wheels;
 
 use super::Format;
 

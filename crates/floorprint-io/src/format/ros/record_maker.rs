@@ -3,12 +3,13 @@
 use super::camera::Camera;
 use super::messages::{Inertial, Kind, LaserScan, Message, Placed, decode};
 use super::roles::{Lidar, Odometry, Roles};
+use super::wheels::Wheels;
 use super::{RawMessage, slice};
 use crate::data_set::{DropCounts, DropReason};
 use crate::images::{ImageEntry, ImagePlace};
 use floorprint::SensorId;
 use floorprint::geometry::{Pose2, Pose3};
-use floorprint::sensors::{ImuReading, Record, Scan, ScanGeometry, StampedPose};
+use floorprint::sensors::{EncoderReading, ImuReading, Record, Scan, ScanGeometry, StampedPose};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -24,6 +25,8 @@ pub(super) struct RecordMaker {
     slice_geometry: Arc<ScanGeometry>,
     /// The stamp of the last odometry: TF repeats its poses.
     odometry_stamp_s: Option<f64>,
+    /// The last angles of the wheels, left and right, radians.
+    wheels_rad: Option<[f64; 2]>,
     /// Depth and colour images so far.
     pub(super) images: [Vec<ImageEntry>; 2],
     /// Messages on the topics of depth and colour images so far.
@@ -43,6 +46,7 @@ impl RecordMaker {
             geometries: VecDeque::new(),
             slice_geometry: Arc::new(slice::geometry()),
             odometry_stamp_s: None,
+            wheels_rad: None,
             images: [Vec::new(), Vec::new()],
             image_messages: [0; 2],
             truth: Vec::new(),
@@ -54,7 +58,8 @@ impl RecordMaker {
     pub(super) fn take(&mut self, roles: &Roles, message: &RawMessage<'_>, records: &mut Vec<Record>) {
         let topic = message.channel.topic.as_str();
         let lidar = roles.lidars.iter().enumerate().find(|(_, lidar)| lidar.topic == topic);
-        let is_odometry = matches!(&roles.odometry, Some(Odometry::Topic(name, _)) if name == topic);
+        let is_odometry =
+            matches!(&roles.odometry, Some(Odometry::Topic(name, _) | Odometry::Wheels(name, _)) if name == topic);
         let edge = match &roles.odometry {
             Some(Odometry::Edge(edge, child_from_base)) => Some((edge, child_from_base)),
             _ => None,
@@ -110,6 +115,16 @@ impl RecordMaker {
                 if let Some((_, base_from_imu)) = imu {
                     records.push(Record::Imu(in_base(&reading, base_from_imu, log_time_s)));
                 }
+            }
+            (Some(Message::Joints(joints)), _) => {
+                let Some(Odometry::Wheels(_, wheels)) = &roles.odometry else { return };
+                let Some([left, right]) = wheels.angles_rad(&joints) else { return };
+                let [left_before, right_before] = self.wheels_rad.replace([left, right]).unwrap_or([left, right]);
+                records.push(Record::Encoders(EncoderReading {
+                    stamp_s: log_time_s.unwrap_or(joints.stamp_s),
+                    left_ticks: Wheels::turned_rad(left_before, left),
+                    right_ticks: Wheels::turned_rad(right_before, right),
+                }));
             }
             // Counted by the survey.
             (None | Some(Message::Image(_) | Message::Calibration(_)), _)

@@ -40,6 +40,8 @@ pub(super) struct Topic {
     pub(super) rays: Rays,
     /// Of a topic of images: the first, without its pixels.
     pub(super) image: Option<ImageHead>,
+    /// Names of joints whose angles it states.
+    pub(super) joints: BTreeSet<String>,
     /// Of a topic of intrinsics: the first.
     pub(super) calibration: Option<Calibration>,
 }
@@ -108,6 +110,7 @@ impl Topic {
             children: BTreeSet::new(),
             rays: Rays::default(),
             image: None,
+            joints: BTreeSet::new(),
             calibration: None,
         }
     }
@@ -138,6 +141,12 @@ impl Topic {
                     self.calibration = Some(calibration.clone());
                 }
                 (calibration.stamp_s, &calibration.frame)
+            }
+            Message::Joints(joints) => {
+                joints.names.iter().for_each(|name| note(&mut self.joints, name));
+                self.stamps_s.push(joints.stamp_s);
+                self.delay_sum_s += log_time_s - joints.stamp_s;
+                return;
             }
             Message::Transforms(_) => return,
         };
