@@ -31,13 +31,15 @@ fn every_scan_of_the_benchmark_logs_is_read() {
     }
 }
 
-/// Maps what these frames show.
-fn solve(frames: &[Frame], config: &Config) -> Result<SlamResult, SlamError> {
+/// Maps what these frames show; tells also how uncertain each step's pose was said to be at the time, sorted, metres.
+fn solve(frames: &[Frame], config: &Config) -> Result<(SlamResult, Vec<f64>), SlamError> {
     let mut slam = Slam::new(config);
+    let mut sigmas_m = Vec::new();
     for frame in frames {
-        slam.process(frame)?;
+        sigmas_m.extend(slam.process(frame)?.uncertainty.map(|uncertainty| uncertainty.sigma_m));
     }
-    Ok(slam.finish())
+    sigmas_m.sort_by(f64::total_cmp);
+    Ok((slam.finish(), sigmas_m))
 }
 
 /// One configuration serves all logs: errors stay where they are (BENCHMARK.md), and walls that were seen on several
@@ -53,7 +55,9 @@ fn the_benchmark_logs_are_solved_by_default() {
         let relations = read_relations(&folder.join(format!("{name}.relations"))).unwrap();
         let config = Config::resolve(&[Layer::from_robot(&log.robot)]).unwrap();
         let frames: Vec<Frame> = Frames::new(&log.records, &config).unwrap().iter().collect();
-        let result = solve(&frames, &config).unwrap();
+        let (result, sigmas_m) = solve(&frames, &config).unwrap();
+        // Stamps that jitter by the whole interval once made hundreds of metres of it.
+        assert!(sigmas_m[sigmas_m.len() - 1] < 15.0 && sigmas_m[sigmas_m.len() / 2] < 2.0, "{name}: {sigmas_m:?}");
         let errors = RelationReport::new(&result.trajectory, &relations).unwrap().all;
         let (translation, rotation) = (errors.translation_m.unwrap(), errors.rotation_deg.unwrap());
         assert!(translation.mean < bound_m && rotation.mean < bound_deg, "{name}: {translation:?}, {rotation:?}");
@@ -101,7 +105,7 @@ fn logs_of_which_few_scans_are_left_are_solved_too() {
                 frames.push(frame);
             }
         }
-        let result = solve(&frames, &config).unwrap();
+        let (result, _) = solve(&frames, &config).unwrap();
         let errors = RelationReport::new(&result.trajectory, &relations).unwrap().all.translation_m.unwrap();
         assert!(result.kidnappings.is_empty(), "{name}, each {every}: {:?}", result.kidnappings);
         assert!(errors.mean < bound_m, "{name}, each {every}: {errors:?}");

@@ -52,3 +52,11 @@ def test_the_readme_runs(drive: Path, tmp_path: Path) -> None:
         script = re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0].replace("drive.bag", str(drive))
         subprocess.run([sys.executable, "-c", script], check=True, cwd=tmp_path, timeout=120)
         (tmp_path / "map.png").unlink()
+
+
+def test_the_pictures_of_the_guide(drive: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    run("pictures_of_the_guide.py", drive, tmp_path)
+    guide = (TUTORIALS.parent / "../../docs/guide.md").read_text()
+    for name in re.findall(r"\]\(guide/(\w+\.png)\)", guide):
+        assert (tmp_path / name).stat().st_size > 5_000

@@ -15,10 +15,11 @@ const NEWEST: f64 = 0.1;
 const GAP_STEPS: f64 = 4.0;
 
 impl Pace {
-    /// For how many scans of the usual pace the time since the last one would do, at least one; learns from it.
+    /// For how many scans of the usual pace the time since the last one would do; learns from it. It is 0 where the
+    /// stamps say that no time has passed.
     pub(super) fn steps(&mut self, elapsed_s: f64) -> f64 {
         if elapsed_s <= 0.0 {
-            return 1.0;
+            return 0.0;
         }
         if self.usual_s == 0.0 {
             self.usual_s = elapsed_s;
@@ -26,7 +27,7 @@ impl Pace {
         let steps = elapsed_s / self.usual_s;
         // A gap says nothing about the pace, unless it is the pace.
         self.usual_s += NEWEST * (steps.min(GAP_STEPS) * self.usual_s - self.usual_s);
-        steps.max(1.0)
+        steps
     }
 }
 
@@ -47,6 +48,6 @@ mod tests {
         assert!(is_gap(after) && after > 40.0, "{after}");
         let slow = (0..60).map(|_| pace.steps(2.0)).last().unwrap();
         assert!(!is_gap(slow), "{slow}");
-        assert_eq!(pace.steps(0.0), 1.0);
+        assert_eq!([0.0, -1.0].map(|elapsed_s| pace.steps(elapsed_s)), [0.0; 2]);
     }
 }

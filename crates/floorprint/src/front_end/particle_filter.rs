@@ -157,7 +157,7 @@ impl ParticleFilter {
         self.points = points;
         let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
         let steps = self.pace.steps(frame.elapsed_s);
-        let fits = self.predict_and_match(motion.as_ref(), steps, &scan);
+        let fits = self.predict_and_match(motion.as_ref(), steps.max(1.0), &scan);
         let sighting = self.notice_loss(&scan, &fits, is_gap(steps));
         // Particles moved alike but for noise: the scan is due for all of them or for none.
         let is_due = sighting != Sighting::Misfits && !scan.is_empty() && self.is_due();
@@ -175,6 +175,7 @@ impl ParticleFilter {
                 measured: motion.as_ref(),
                 matched: last_motion,
                 elapsed_s: frame.elapsed_s,
+                paces: steps,
                 is_gap: is_gap(steps),
                 is_believed,
                 is_tested: is_due,

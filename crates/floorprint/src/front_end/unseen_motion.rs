@@ -88,6 +88,8 @@ pub(super) struct Step<'a> {
     pub(super) matched: &'a Pose2,
     /// Time that it took, seconds.
     pub(super) elapsed_s: f64,
+    /// The same in usual intervals between scans.
+    pub(super) paces: f64,
     /// Whether scans are missing from that time.
     pub(super) is_gap: bool,
     /// Whether the scan was believed.
@@ -184,14 +186,17 @@ impl UnseenMotion {
             self.scatter += NEWEST * ((-2.0 * of_inliers).max(0.0) - self.scatter);
         }
         if blind == Blind::No && !step.is_gap && dt_s > 0.0 {
+            // A step counts by its time: stamps that jitter make a millimetre in a millisecond of one, and what is too
+            // short of one is too long of the next.
             let now = [step.matched.x / dt_s, step.matched.y / dt_s];
+            let newest = (NEWEST_VELOCITY * step.paces).min(1.0);
             for (seen, now) in self.seen_m_s.iter_mut().zip(now) {
-                *seen += NEWEST_VELOCITY * (now - *seen);
+                *seen += newest * (now - *seen);
             }
             let speed_m_s = now[0].hypot(now[1]);
             if speed_m_s > STANDING_M_S {
-                self.moves = (self.moves + 1.0).min(MOVES_REMEMBERED);
-                self.usual_m_s += (speed_m_s - self.usual_m_s) / self.moves;
+                self.moves = (self.moves + step.paces).min(MOVES_REMEMBERED);
+                self.usual_m_s += step.paces * (speed_m_s - self.usual_m_s) / self.moves.max(1.0);
             }
         }
     }
@@ -263,6 +268,7 @@ mod tests {
                 measured: measured.as_ref(),
                 matched: &matched,
                 elapsed_s: 0.2,
+                paces: 1.0,
                 is_gap: false,
                 is_believed: true,
                 is_tested: true,
@@ -282,6 +288,44 @@ mod tests {
         assert!((1.5..2.5).contains(&stuck.sigma_m), "{stuck:?}");
         let none = drift_over_two_metres(&corridor, start, None);
         assert!(none.sigma_m > 0.8, "{none:?}");
+    }
+
+    #[test]
+    fn stamps_that_jitter_make_no_speed() {
+        let (walls, matcher) = (Walls::room(), MatcherConfig::default());
+        let seen = |pose: &Pose2| SurfaceScan::new(&walls.scan_from(pose, 361), &Thinning::default());
+        let mut map = SurfaceMap::new(matcher.cell_m);
+        map.add_scan(&Pose2::IDENTITY, &seen(&Pose2::IDENTITY));
+        let mut unseen = UnseenMotion::default();
+        let mut drive = |x_m: f64, step_m: f64, elapsed_s: f64| {
+            let pose = Pose2::new(x_m, 0.0, 0.0);
+            let prior = PoseBelief { pose, information: Matrix3::identity() * 400.0 };
+            let fit = Fit {
+                result: match_scan(&map, &seen(&pose), &prior, &matcher),
+                prior,
+                odometry: OdometryVerdict::Confirmed,
+            };
+            let matched = Pose2::new(step_m, 0.0, 0.0);
+            let step = Step {
+                measured: Some(&matched),
+                matched: &matched,
+                elapsed_s,
+                paces: elapsed_s / 0.2,
+                is_gap: false,
+                is_believed: true,
+                is_tested: true,
+            };
+            unseen.observe(&step, &fit, &seen(&pose), &map, &matcher);
+            (unseen.drift(), unseen.usual_m_s)
+        };
+        // 0.25 m/s, where every third interval is a millisecond short of none and the next one makes up for it; then it stops.
+        for k in 1..=60 {
+            let elapsed_s = [0.2, 0.001, 0.399][k % 3];
+            let (_, usual_m_s) = drive(0.01 * k as f64, 0.05, elapsed_s);
+            assert!(usual_m_s < 1.0, "{k}: {usual_m_s}");
+        }
+        let (drift, _) = (0..20).map(|_| drive(0.6, 0.0, 0.2)).last().unwrap();
+        assert!(drift.sigma_m < 0.05, "{drift:?}");
     }
 
     #[test]
