@@ -20,7 +20,7 @@ use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions, TruthAlign
 use floorprint::geometry::Pose3;
 use floorprint::sensors::Record;
 use floorprint::{Config, Frame, SensorId, Slam};
-use floorprint_io::{DataSet, OpenOptions, ReadError, TopicChoice, open};
+use floorprint_io::{DataSet, OpenOptions, ReadError, TopicChoice, drives, open};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -277,6 +277,22 @@ fn roles_that_are_asked_for_are_taken() {
     assert!(message.contains("sensor_msgs/LaserScan, no poses"), "{message}");
     let message = refused(TopicChoice { base: Some("base_lnk".to_owned()), ..TopicChoice::default() });
     assert!(message.contains("Did you mean base_link"), "{message}");
+}
+
+#[test]
+fn a_folder_of_recordings_is_not_one_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("monday.bag"), ros1_bag(&drive(3), "none", 17)).unwrap();
+    fs::write(folder.path().join("tuesday.mcap"), mcap(&drive(3), "", 17, false)).unwrap();
+    let error = open(folder.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("a folder of recordings") && error.contains("monday.bag"), "{error}");
+    let listed = drives(folder.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(listed.iter().map(|entry| entry.drive).collect::<Vec<_>>(), [None, None]);
+    assert!(listed[1].path.ends_with("tuesday.mcap"), "{listed:?}");
+    // One file alone is what it is.
+    fs::remove_file(folder.path().join("monday.bag")).unwrap();
+    assert_eq!(read(folder.path()).scans().count(), 3);
+    assert!(drives(folder.path(), &OpenOptions::default()).unwrap().is_empty());
 }
 
 #[test]
