@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Data set: a file or a folder, recognised by its content.
+    /// Data set: a file, a folder or a zip archive, recognised by its content; - for standard input.
     pub(crate) path: PathBuf,
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]

@@ -67,6 +67,9 @@ pub(crate) fn with_trajectories(map: &Raster<Occupancy>, solution: &Solution) ->
 
 /// What a data set is called: its file name without endings.
 pub(crate) fn data_set_name(path: &Path) -> String {
+    if path == Path::new("-") {
+        return "stdin".to_owned();
+    }
     let absolute = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let name = absolute.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if absolute.is_dir() { name } else { name.split('.').next().unwrap_or_default().to_owned() }

@@ -31,11 +31,12 @@ mod session_file;
 mod source;
 mod stamps;
 mod trajectory;
+mod unpack;
 
 pub use budget::USUAL_EXPANSION;
 pub use data_set::{
-    BagContents, DataSet, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice, TopicSummary,
-    open,
+    BagContents, DataSet, DriveEntry, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice,
+    TopicSummary, drives, open,
 };
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
@@ -44,7 +45,7 @@ pub use floor_file::{floor_picture, read_floor, write_floor};
 pub use format::Format;
 pub use g2o::{G2o, read_g2o, write_g2o};
 pub use geotiff::{write_floor_geotiff, write_map_geotiff};
-pub use images::{ImageEntry, ImageIndex};
+pub use images::{ImageEntry, ImageIndex, LoadedPair};
 pub use map_file::{map_bytes, read_map, write_map, write_raw_map, write_scaled_map};
 pub use mcap_writer::{McapWriter, write_mcap};
 pub use picture::{Picture, Pixels, png_bytes, read_png, write_animated_png, write_png};
