@@ -23,8 +23,7 @@ pub(super) fn markdown(results: &Results, preset: &str, settings: &[String]) -> 
         rows.len(),
         results.seed,
     );
-    let heads =
-        ["fault", "start", "cases", "decided", "right", "wrong", "m", "err cm", "lost s", "alarms", "ms", "p99"];
+    let heads = ["fault", "start", "n", "found", "right", "wrong", "m", "cm", "lost s", "alarm", "ms", "p99"];
     let mut lines = vec![heads.map(str::to_owned)];
     for fault in Fault::ALL {
         for start in Start::ALL {
@@ -38,10 +37,10 @@ pub(super) fn markdown(results: &Results, preset: &str, settings: &[String]) -> 
     lines.push(line("all", "", &all));
     text.push_str(&aligned(&lines));
     text.push_str(
-        "\ndecided: cases in which a pose was claimed after a search; right: of these claims those within 0.1 m and 2°; \
-         wrong: cases in which\na claim was off by more than 0.5 m or 10° when it was made, or for 2 s on end; m: driven \
-         until a start was found, median; err:\nmean error while tracking; lost s: median and largest time until a kidnapping \
-         was noticed, and how many never were; alarms: right\nposes that were given up; ms: CPU time of an update while a \
+        "\nfound: cases in which a pose was claimed after a search; right: of these claims those within 0.1 m and 2°; wrong:\n\
+         cases in which a claim was off by more than 0.5 m or 10° when it was made, or for 2 s on end; m: driven until a\n\
+         start was found, median; cm: mean error while tracking; lost s: median and largest time until a kidnapping was\n\
+         noticed, and how many never were; alarm: right poses that were given up; ms, p99: CPU time of an update while a\n\
          pose is claimed.\n\n",
     );
     text.push_str(&calibration(&all));
@@ -83,10 +82,9 @@ fn line(fault: &str, start: &str, rows: &[&Row]) -> [String; 12] {
     let noticed: Vec<f64> = kidnapped.iter().filter_map(|row| row.judgement.noticed_after_s).collect();
     let lost = match (kidnapped.len(), noticed.iter().copied().reduce(f64::max)) {
         (0, _) => UNKNOWN.to_owned(),
-        (count, None) => format!("never {count}"),
+        (count, None) => format!("+{count}"),
         (count, Some(largest_s)) => {
-            let never =
-                if count > noticed.len() { format!(", never {}", count - noticed.len()) } else { String::new() };
+            let never = if count > noticed.len() { format!(" +{}", count - noticed.len()) } else { String::new() };
             format!("{}/{largest_s:.1}{never}", shown(median(noticed.clone()), 1))
         }
     };
