@@ -90,7 +90,9 @@ impl Contents {
                 "truth_texture.png",
             ],
             Self::Live => &["session.gpkg", "trajectory.tum", "map.pgm", "map.yaml", "config.toml"],
-            Self::Localization => &["report.html", "trajectory.tum", "localization.png", "config.toml"],
+            Self::Localization => {
+                &["report.html", "trajectory.tum", "localization.png", "config.toml", "changes.geojson", "changes.png"]
+            }
         }
     }
 
