@@ -5,6 +5,7 @@
 use floorprint::config::Preset;
 use floorprint::geometry::Pose2;
 use floorprint::sensors::{Record, Scan, ScanGeometry};
+use floorprint::texture::ImagePair;
 use floorprint::{Config, Frames, SensorId, Slam};
 use floorprint_io::{OpenOptions, open, read_floor, read_g2o, read_map, read_png, read_relations, read_trajectory};
 use floorprint_io::{write_g2o, write_trajectory};
@@ -16,10 +17,12 @@ use std::sync::Arc;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub const TARGETS: [Target; 11] = [
+pub const TARGETS: [Target; 13] = [
     ("carmen", carmen),
     ("encoder_log", encoder_log),
     ("ece276a", ece276a),
+    ("text", text),
+    ("recording", recording),
     ("trajectory", trajectory),
     ("relations", relations),
     ("g2o", g2o),
@@ -82,6 +85,27 @@ pub fn ece276a(bytes: &[u8]) {
     for name in names {
         with_files(&[(name, bytes)], opened);
     }
+}
+
+/// Text with a reading a line.
+pub fn text(bytes: &[u8]) {
+    open_file("log.csv", bytes);
+}
+
+/// A recording of ROS in any container, with its images.
+pub fn recording(bytes: &[u8]) {
+    with_files(&[("drive.bag", bytes)], |folder| {
+        opened(&folder.join("drive.bag"));
+        let data_set = open(&folder.join("drive.bag"), &OpenOptions::default());
+        let Ok(Some(images)) = data_set.map(|data_set| data_set.images) else { return };
+        let count = images.depth.len().min(images.color.len()).min(4);
+        let pairs: Vec<ImagePair> = (0..count).map(|number| ImagePair { depth: number, color: number }).collect();
+        let loaded = images.for_each_pair(&pairs, &|| false, &|pair| {
+            let Ok((depth, color)) = pair else { return true };
+            (depth.width * depth.height, color.width * color.height) == (depth.values.len(), color.rgb.len())
+        });
+        assert!(loaded.into_iter().all(|is_whole| is_whole));
+    });
 }
 
 /// A trajectory: what is read is written and read again as it was.

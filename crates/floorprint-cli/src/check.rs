@@ -4,18 +4,18 @@ use crate::config::Settings;
 use crate::outcome::Outcome;
 use crate::terminal::{HEADING, Terminal};
 use crate::topics::Topics;
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use clap::Args;
 use floorprint::doctor::{Severity, Symptom, examine};
-use floorprint_io::{OpenOptions, open};
+use floorprint_io::{DriveEntry, OpenOptions, drives, open};
 use serde::Serialize;
-use std::io::Write as _;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Look for what is wrong with a recording: units, stamps, clocks, mounts, signs. Exit code 1 if there can be no map.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Data set: a file or a folder, recognised by its content.
+    /// Data set: a file or a folder, recognised by its content; - for standard input. Of several drives each is looked at.
     path: PathBuf,
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
@@ -50,32 +50,98 @@ pub fn examine_recording(path: &Path, options: &OpenOptions, settings: &Settings
     Ok(examine(&data_set.records, &config).iter().map(Told::of).collect())
 }
 
-/// Runs `floorprint check`.
+/// Runs `floorprint check`: of a folder with several drives on each of them.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
-    let data_set = open(&arguments.path, &arguments.topics.open_options(arguments.drive, None))?;
-    let config = arguments.settings.resolve(Some(&data_set.robot))?;
-    let symptoms = examine(&data_set.records, &config);
+    let options = arguments.topics.open_options(arguments.drive, None);
+    let drives = drives(&arguments.path, &options)?;
     let mut out = terminal.results();
-    if arguments.json {
-        let told: Vec<Told> = symptoms.iter().map(Told::of).collect();
-        writeln!(out, "{}", serde_json::to_string_pretty(&told)?)?;
-    } else if symptoms.is_empty() {
-        writeln!(out, "nothing seems wrong with {}", arguments.path.display())?;
+    let outcome = if drives.len() > 1 {
+        check_all(arguments, &options, &drives, &mut out)?
     } else {
-        for symptom in &symptoms {
-            writeln!(out, "{HEADING}{}{HEADING:#}: {symptom}", word(symptom.severity()))?;
-            writeln!(out, "  effect: {}", symptom.effect())?;
-            writeln!(out, "  remedy: {}", symptom.remedy())?;
+        let (told, outcome) = check(&arguments.path, &options, &arguments.settings)?;
+        if arguments.json {
+            writeln!(out, "{}", serde_json::to_string_pretty(&told)?)?;
+        } else {
+            print(&told, &arguments.path.display().to_string(), false, &mut out)?;
         }
-    }
+        outcome
+    };
     out.flush()?;
+    outcome
+}
+
+/// What is wrong with a recording, and what comes of it: an error where it holds no scan.
+type Checked = (Vec<Told>, anyhow::Result<Outcome>);
+
+fn check(path: &Path, options: &OpenOptions, settings: &Settings) -> anyhow::Result<Checked> {
+    let data_set = open(path, options)?;
+    let config = settings.resolve(Some(&data_set.robot))?;
+    let symptoms = examine(&data_set.records, &config);
+    let told = symptoms.iter().map(Told::of).collect();
     if data_set.scans().next().is_none() {
         let topics =
             data_set.bag.as_ref().map_or(String::new(), |bag| format!("; its topics: {}", bag.list_of_topics()));
-        bail!("no map can be made of {}: it holds no scan{topics}", arguments.path.display());
+        return Ok((told, Err(anyhow!("no map can be made of {}: it holds no scan{topics}", path.display()))));
     }
     let is_hopeless = symptoms.iter().any(|symptom| symptom.severity() == Severity::Fatal);
-    Ok(if is_hopeless { Outcome::Failed } else { Outcome::Fine })
+    Ok((told, Ok(if is_hopeless { Outcome::Failed } else { Outcome::Fine })))
+}
+
+/// What is wrong with each of several drives.
+#[derive(Serialize)]
+struct CheckedDrive<'a> {
+    #[serde(flatten)]
+    drive: &'a DriveEntry,
+    findings: Vec<Told>,
+    /// Why there can be no map, where there are no findings to say so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<String>,
+}
+
+fn check_all(
+    arguments: &Arguments,
+    options: &OpenOptions,
+    drives: &[DriveEntry],
+    out: &mut impl Write,
+) -> anyhow::Result<anyhow::Result<Outcome>> {
+    let mut all = Vec::new();
+    let mut worst = Outcome::Fine;
+    for drive in drives {
+        let options = OpenOptions { drive: drive.drive, ..options.clone() };
+        let (findings, outcome) = match check(&drive.path, &options, &arguments.settings) {
+            Ok((findings, outcome)) => (findings, outcome),
+            Err(error) => (Vec::new(), Err(error)),
+        };
+        if !matches!(outcome, Ok(Outcome::Fine)) {
+            worst = Outcome::Failed;
+        }
+        let error = outcome.err().map(|error| format!("{error:#}"));
+        if !arguments.json {
+            print(&findings, &drive.arguments(), true, out)?;
+            if let Some(error) = &error {
+                writeln!(out, "{HEADING}error{HEADING:#}: {error}")?;
+            }
+        }
+        all.push(CheckedDrive { drive, findings, error });
+    }
+    if arguments.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&all)?)?;
+    }
+    Ok(Ok(worst))
+}
+
+fn print(told: &[Told], name: &str, is_one_of_several: bool, out: &mut impl Write) -> anyhow::Result<()> {
+    if told.is_empty() {
+        writeln!(out, "nothing seems wrong with {name}")?;
+    } else if is_one_of_several {
+        writeln!(out, "{HEADING}{name}{HEADING:#}")?;
+    }
+    for Told { severity, evidence, effect, remedy, .. } in told {
+        writeln!(out, "{HEADING}{}{HEADING:#}: {evidence}", word(*severity))?;
+        writeln!(out, "  effect: {effect}")?;
+        writeln!(out, "  remedy: {remedy}")?;
+    }
+    Ok(())
 }
 
 impl Told {

@@ -40,6 +40,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         arrival: None,
         force: true,
         earlier: None,
+        mcap: None,
     };
     let Some((report, results)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
     if !terminal.is_quiet() {

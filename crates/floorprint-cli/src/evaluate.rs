@@ -3,7 +3,7 @@
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::{HEADING, Terminal};
-use crate::truth::seen_floor;
+use crate::truth::{seeing_camera, seen_floor};
 use anyhow::{Context as _, ensure};
 use clap::{Args, Subcommand, ValueEnum};
 use floorprint::config::{Config, Layer};
@@ -248,8 +248,8 @@ impl Texture {
         }
         let text = read_text(&config)?;
         let config = Config::resolve(&[Layer::from_toml(&config.display().to_string(), &text)?])?;
-        let Some(camera) = &config.robot.camera else { return Ok(None) };
-        Ok(Some(seen_floor(&read_trajectory(&images)?, &read_trajectory(&truth)?, camera, &read_map(&map)?)))
+        let Some(camera) = seeing_camera(&config) else { return Ok(None) };
+        Ok(Some(seen_floor(&read_trajectory(&images)?, &read_trajectory(&truth)?, &camera, &read_map(&map)?)))
     }
 }
 

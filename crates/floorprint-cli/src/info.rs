@@ -7,15 +7,15 @@ use crate::topics::Topics;
 use anyhow::bail;
 use clap::Args;
 use floorprint::sensors::{Ray, Record, RobotConfig, Scan};
-use floorprint_io::{DataSet, RoleChoice, TopicSummary, open};
+use floorprint_io::{DataSet, DriveEntry, RoleChoice, TopicSummary, drives, open};
 use serde::Serialize;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Show what is in a data set: sensors, rates, gaps, spans, what cannot be used.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Data set: a file or a folder, recognised by its content.
+    /// Data set: a file or a folder, recognised by its content; - for standard input.
     path: PathBuf,
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
@@ -34,9 +34,14 @@ pub(crate) struct Arguments {
 /// Runs `floorprint info`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
     let options = arguments.topics.open_options(arguments.drive, arguments.max_expansion);
+    let mut out = terminal.results();
+    let drives = drives(&arguments.path, &options)?;
+    if drives.len() > 1 {
+        list(&drives, &arguments.path, arguments.json, &mut out)?;
+        return Ok(Outcome::Fine);
+    }
     let data_set = open(&arguments.path, &options)?;
     let info = Info::of(&data_set);
-    let mut out = terminal.results();
     if arguments.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&info)?)?;
     } else {
@@ -51,6 +56,21 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         );
     }
     Ok(Outcome::Fine)
+}
+
+/// The drives of a folder that holds several, and how each is named.
+fn list(drives: &[DriveEntry], path: &Path, json: bool, out: &mut impl Write) -> anyhow::Result<()> {
+    if json {
+        writeln!(out, "{}", serde_json::to_string_pretty(drives)?)?;
+        return Ok(out.flush()?);
+    }
+    writeln!(out, "{HEADING}{} holds {} drives; name one:{HEADING:#}", path.display(), drives.len())?;
+    let names: Vec<String> = drives.iter().map(DriveEntry::arguments).collect();
+    let width = names.iter().map(String::len).max().unwrap_or(0);
+    for (name, entry) in names.iter().zip(drives) {
+        writeln!(out, "  {name:<width$}  {}", entry.holds)?;
+    }
+    Ok(out.flush()?)
 }
 
 /// What is in a data set.
@@ -119,7 +139,7 @@ impl Info {
             ("odometry of scans", stamps(|record| matches!(record, Record::Scan(scan) if scan.odometry.is_some()))),
         ];
         if let Some(images) = &data_set.images {
-            streams.push(("disparity images", images.disparity.iter().map(|image| image.stamp_s).collect()));
+            streams.push(("depth images", images.depth.iter().map(|image| image.stamp_s).collect()));
             streams.push(("colour images", images.color.iter().map(|image| image.stamp_s).collect()));
         }
         Self {

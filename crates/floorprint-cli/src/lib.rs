@@ -17,6 +17,8 @@ mod interrupt;
 mod live;
 mod localize;
 mod map;
+mod map_drawing;
+mod mcap;
 mod number;
 mod optimize;
 mod outcome;
@@ -99,6 +101,9 @@ enum Command {
     /// One drive of the gauntlet of `bench`.
     #[command(hide = true)]
     GauntletDrive(Box<bench::GauntletDriveArguments>),
+    /// One case of the benchmark of localization of `bench`.
+    #[command(hide = true)]
+    LocalizationDrive(Box<bench::LocalizationDriveArguments>),
     Completions(shell::Completions),
     Man(shell::Manual),
 }
@@ -125,6 +130,7 @@ impl Command {
             Self::Batch(arguments) => batch::execute(arguments, terminal),
             Self::BenchDrive(arguments) => bench::execute_drive(arguments, terminal),
             Self::GauntletDrive(arguments) => bench::execute_gauntlet_drive(arguments, terminal),
+            Self::LocalizationDrive(arguments) => bench::execute_localization_drive(arguments, terminal),
             Self::Completions(arguments) => shell::completions(arguments, Arguments::command(), terminal),
             Self::Man(arguments) => shell::man(arguments, Arguments::command(), terminal),
         }

@@ -6,6 +6,7 @@ mod results;
 #[cfg(feature = "ros2")]
 mod ros;
 mod sources;
+mod watch;
 
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
@@ -25,7 +26,7 @@ use floorprint::localization::{Localizer, Start};
 use floorprint::odometry::OdometryCorrections;
 use floorprint::sensors::Record;
 use floorprint_io::ros::{LiveSession, Recorder};
-use floorprint_io::{SessionFile, free_beside};
+use floorprint_io::{FileLock, SessionFile, free_beside};
 use floorprint_live::{Board, Counts, Delays, Engine, Event, Inbox, MapPicture, Mode, Picture, Situation, Step};
 use housekeeper::Housekeeper;
 pub(crate) use page::Page;
@@ -33,7 +34,9 @@ use results::Results;
 use sources::Source;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
+use watch::Watch;
 
 /// Map, extend a map or localise while records come in.
 ///
@@ -109,6 +112,8 @@ const TOLD_EVERY: Duration = Duration::from_secs(10);
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads.map_or(0, usize::from)).build()?;
     let interrupt = Interrupt::listen();
+    // Before anything is waited for.
+    let _session = arguments.session.as_deref().map(FileLock::claim).transpose()?;
     let Some(mut source) = Source::open(arguments, &interrupt, terminal)? else { return Ok(Outcome::Interrupted) };
     let config = arguments.settings.resolve(source.robot())?;
     let corrections = source.corrections(&config)?;
@@ -128,8 +133,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         results.notes().iter().for_each(|note| terminal.warn(note));
     }
     let keeper = arguments.keeper(out.as_deref(), &config, terminal)?;
-    arguments.page.show(&board, terminal)?;
-    source.announce(&board)?;
+    let frames = source.frames(&config);
+    arguments.page.show(&board, &frames, terminal)?;
+    source.announce(&board, &frames)?;
     let closed = Arc::clone(&inbox);
     interrupt.on_request(move || closed.close());
     let session = Session { terminal, config: &config, interrupt: &interrupt, board: &board };
@@ -236,11 +242,21 @@ impl Session<'_> {
             let worked = (|| {
                 // What was seen before is shown before anything new is.
                 housekeeper.look_at(&mut engine);
-                while let Some(event) = self.board.inbox.next() {
+                let mut watch = Watch::new(terminal);
+                while let Some(event) = self.board.inbox.next(watch.patience()) {
                     let record = match event {
                         Event::Record(record, came) => {
                             tally.begin(&record, came);
+                            watch.see(&record, came);
                             record
+                        }
+                        Event::Nothing => {
+                            watch.look();
+                            continue;
+                        }
+                        Event::Save(path, done) => {
+                            self.save(&mut engine, path, done);
+                            continue;
                         }
                         Event::Start(start) => {
                             engine.set_start(start);
@@ -275,6 +291,22 @@ impl Session<'_> {
         }
         let ended = results::end(engine, keeper, results, &tally, self)?;
         Ok(if self.interrupt.requested() && !ended { Outcome::Interrupted } else { Outcome::Fine })
+    }
+
+    /// Saves a copy of the session beside the engine, and tells whether that worked.
+    fn save(&self, engine: &mut Engine, path: PathBuf, done: SyncSender<bool>) {
+        let session = engine.session().cloned();
+        let (terminal, matcher) = (self.terminal.clone(), self.config.matcher.clone());
+        std::thread::spawn(move || {
+            let saved = session.map(|session| SessionFile::write(&path, &session, &matcher));
+            match &saved {
+                Some(Ok(())) => terminal.say(&format!("the session is saved in {}", path.display())),
+                Some(Err(error)) => terminal.warn(&format!("the session is not saved: {error}")),
+                None => terminal.warn("there is no session to be saved: a finished map is used"),
+            }
+            // Who asked may not wait any more.
+            let _ = done.send(matches!(saved, Some(Ok(()))));
+        });
     }
 
     fn show(&self, engine: &Engine, steps: Vec<Step>, tally: &mut Tally, mut results: Option<&mut Results>) {

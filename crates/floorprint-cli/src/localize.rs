@@ -2,6 +2,7 @@
 
 mod page;
 mod report;
+mod update;
 
 use crate::config::Settings;
 use crate::figure::{Color, Figure, TRAJECTORY};
@@ -25,6 +26,7 @@ use report::Report;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
+use update::{Found, Update};
 
 /// Find a robot in a finished map and follow it. The map is never written.
 ///
@@ -65,6 +67,13 @@ pub(crate) struct Arguments {
     /// Replace the folder if it exists.
     #[arg(long)]
     force: bool,
+    /// Tell what changed since the map was made, with the times at which it was seen: printed as `map diff` does, and left
+    /// in changes.geojson and changes.png.
+    #[arg(long)]
+    update: bool,
+    /// Put this drive and its changes into a new session besides; the map must be a session.
+    #[arg(long, value_name = "SESSION", requires = "update")]
+    update_session: Option<PathBuf>,
     /// How many times its size a file of the data set may take in memory, besides 256 MB [default: 64].
     #[arg(long, value_name = "TIMES", value_parser = number(0.0, 1e9))]
     max_expansion: Option<f64>,
@@ -107,6 +116,9 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 }
 
 fn localize(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
+    if let Some(session) = &arguments.update_session {
+        update::check(&arguments.map, session)?;
+    }
     let interrupt = Interrupt::listen();
     let out = arguments.out.clone().unwrap_or_else(|| {
         let plain = Path::new("runs").join(format!("{}-localized", run_folder::data_set_name(&arguments.path)));
@@ -131,6 +143,7 @@ fn localize(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcom
 
     let started = Instant::now();
     let mut localizer = Localizer::new(Arc::new(map), arguments.start, &config);
+    let mut update = arguments.update.then(|| Update::new(&raster, &config.map));
     let prepared_s = started.elapsed().as_secs_f64();
     let frames = data_set.frames(&config).with_context(|| format!("cannot localise {}", arguments.path.display()))?;
     let progress = terminal.progress("localising", "scans", frames.len());
@@ -149,6 +162,9 @@ fn localize(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcom
         match localizer.process(&frame) {
             Ok(step) => {
                 times[usize::from(step.pose.is_none())].add(started.elapsed().as_secs_f64());
+                if let Some(update) = &mut update {
+                    update.observe(&frame, &step);
+                }
                 steps.push(step);
                 dead_reckoning.push(frame.dead_reckoning);
             }
@@ -162,7 +178,9 @@ fn localize(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcom
     }
 
     let _writing = terminal.busy("writing");
-    let report = Report::new(&report::Inputs {
+    let changes = update.map(Update::found);
+    let report = Report::new(report::Inputs {
+        changes: changes.as_ref().map(Found::listed),
         arguments,
         data_set: &data_set,
         config: &config,
@@ -180,10 +198,19 @@ fn localize(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcom
     write_file(&folder.path().join("config.toml"), config.to_toml().as_bytes())?;
     write_file(&folder.path().join("report.html"), page::page(&report, &raster, &steps)?.as_bytes())?;
     write_file(&folder.path().join("report.json"), (serde_json::to_string_pretty(&report)? + "\n").as_bytes())?;
+    if let Some(changes) = &changes {
+        changes.write(folder.path())?;
+        if let Some(session) = arguments.update_session.as_ref().filter(|_| !partial) {
+            changes.write_session(&arguments.map, &data_set, session)?;
+        }
+    }
     interrupt.is_finishing();
     let out = if partial { folder.finish_partial()? } else { folder.finish().map(|()| out)? };
     if !terminal.is_quiet() {
         report.print(&mut terminal.results(), &out)?;
+        if let Some(changes) = &changes {
+            changes.print(&mut terminal.results())?;
+        }
     }
     if partial {
         terminal.warn("stopped before its end: the results are partial");

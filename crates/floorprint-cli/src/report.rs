@@ -221,7 +221,7 @@ impl Report {
         notes.extend(solution.summary.findings.iter().map(ToString::to_string));
         let dropped = dropped(data_set, solution);
         let lost: usize = dropped.iter().map(|dropped| dropped.count).sum();
-        let images = data_set.images.as_ref().map_or(0, |images| images.disparity.len() + images.color.len());
+        let images = data_set.images.as_ref().map_or(0, |images| images.depth.len() + images.color.len());
         let readings = data_set.records.len() + images + data_set.dropped.total();
         Self {
             made: Made::now(),

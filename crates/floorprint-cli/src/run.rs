@@ -2,6 +2,7 @@
 
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
+use crate::mcap;
 use crate::number::number;
 use crate::outcome::Outcome;
 use crate::report::Report;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Data set: a file or a folder, recognised by its content.
+    /// Data set: a file, a folder or a zip archive, recognised by its content; - for standard input.
     pub(crate) path: PathBuf,
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
@@ -40,6 +41,9 @@ pub(crate) struct Arguments {
     /// Folder of the results [default: runs/NAME-PRESET after the data set, with a number where that exists].
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
+    /// Also write map, poses with covariance, scans, closures and floor as an MCAP file, for Foxglove and Rerun.
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
     /// Replace the folder if it exists.
     #[arg(long)]
     force: bool,
@@ -113,6 +117,8 @@ pub(crate) struct Task<'a> {
     pub(crate) force: bool,
     /// Session to go on with, and where the robot is then.
     pub(crate) earlier: Option<(&'a Path, Start)>,
+    /// File for viewers, besides the folder.
+    pub(crate) mcap: Option<&'a Path>,
 }
 
 /// Runs `floorprint run`.
@@ -146,6 +152,7 @@ pub(crate) fn execute_arriving(
         arrival,
         force: arguments.force,
         earlier: arguments.earlier.as_deref().map(|path| (path, arguments.start)),
+        mcap: arguments.mcap.as_deref(),
     };
     let Some((report, out)) = task.execute(terminal)? else { return Ok(Outcome::Interrupted) };
     if !terminal.is_quiet() {
@@ -175,6 +182,7 @@ impl Task<'_> {
     }
 
     fn solve_and_write(&self, terminal: &Terminal, interrupt: &Interrupt) -> anyhow::Result<Option<(Report, PathBuf)>> {
+        self.mcap.map_or(Ok(()), mcap::check_place)?;
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
         for note in folder.notes() {
@@ -229,6 +237,7 @@ mod tests {
             arrival: None,
             force: false,
             earlier: None,
+            mcap: None,
         };
         let interrupt = Interrupt::default();
         interrupt.request();

@@ -1,13 +1,14 @@
 //! The content of a run folder.
 
 use crate::figure::{DEAD_RECKONING, Figure, TRAJECTORY};
+use crate::map_drawing::map_drawing;
 use crate::report::{Exhibits, Report, page};
 use crate::solve::Solution;
 use crate::stopwatch::Stopwatch;
 use floorprint::Config;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
-use floorprint_io::{write_file, write_floor, write_g2o, write_map, write_png, write_trajectory};
+use floorprint_io::{write_file, write_floor, write_g2o, write_kitti, write_map, write_png, write_trajectory};
 use std::fs;
 use std::path::Path;
 
@@ -24,6 +25,8 @@ pub(crate) fn write(
     stopwatch: &mut Stopwatch,
 ) -> anyhow::Result<()> {
     write_trajectory(&folder.join("trajectory.tum"), &solution.trajectory)?;
+    write_kitti(&folder.join("trajectory.kitti"), &solution.trajectory)?;
+    write_trajectory(&folder.join("live.tum"), &as_known_then(solution))?;
     write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?;
     if let Some(graph) = &solution.graph {
         write_g2o(&folder.join("graph.g2o"), &graph.clone().into())?;
@@ -31,6 +34,7 @@ pub(crate) fn write(
     write_map(&folder.join("map.yaml"), map)?;
     write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?;
     write_png(&folder.join("trajectories.png"), &with_trajectories(map, solution).into_picture())?;
+    write_file(&folder.join("trajectories.svg"), map_drawing(map, solution)?.as_bytes())?;
     write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?;
     let mut floor_png = None;
     if let Some(floor) = &solution.floor {
@@ -46,6 +50,11 @@ pub(crate) fn write(
     Ok(())
 }
 
+/// The body's pose at each scan as it was known then: what a robot that drives by it would have had.
+fn as_known_then(solution: &Solution) -> Vec<StampedPose> {
+    solution.steps.iter().map(|step| StampedPose { stamp_s: step.stamp_s, pose: step.pose }).collect()
+}
+
 /// The map with dead reckoning and the trajectory.
 pub(crate) fn with_trajectories(map: &Raster<Occupancy>, solution: &Solution) -> Figure {
     let mut figure = Figure::of_map(map);
@@ -58,6 +67,9 @@ pub(crate) fn with_trajectories(map: &Raster<Occupancy>, solution: &Solution) ->
 
 /// What a data set is called: its file name without endings.
 pub(crate) fn data_set_name(path: &Path) -> String {
+    if path == Path::new("-") {
+        return "stdin".to_owned();
+    }
     let absolute = fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let name = absolute.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if absolute.is_dir() { name } else { name.split('.').next().unwrap_or_default().to_owned() }

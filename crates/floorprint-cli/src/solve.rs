@@ -13,11 +13,12 @@ use floorprint::odometry::{DeadReckoning, OdometryError, SynchronisationSummary,
 use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::session::Session;
-use floorprint::texture::{FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced};
+use floorprint::texture::{
+    FloorMapper, FloorPatch, RgbdCamera, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced,
+};
 use floorprint::{Config, Phase, Profiler, Slam, SlamError, StepReport};
-use floorprint_io::{DataSet, ImageIndex};
+use floorprint_io::{DataSet, ImageIndex, LoadedPair};
 use floorprint_live::{Whereabouts, resume};
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -233,10 +234,10 @@ pub(crate) fn solve(
     let odometry_scale = slam.odometry_scale();
     let result = slam.finish_profiled(around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
-    let floor = match (&data_set.images, &config.robot.camera) {
-        (Some(images), Some(_)) if paint_floor && !partial => {
+    let floor = match (&data_set.images, RgbdCamera::of(&config.robot)) {
+        (Some(images), Some(camera)) if paint_floor && !partial => {
             around.profiler.enter(Phase::Texture);
-            Some(paint(images, config, &pass.dead_reckoning(), &result.trajectory, around)?)
+            Some(paint(images, camera, config, &pass.dead_reckoning(), &result.trajectory, around)?)
         }
         _ => None,
     };
@@ -268,36 +269,31 @@ pub(crate) fn solve(
 /// Paints the floor from the images, read as they are needed.
 fn paint(
     images: &ImageIndex,
+    camera: RgbdCamera,
     config: &Config,
     dead_reckoning: &DeadReckoning,
     poses: &[StampedPose],
     around: &Surroundings<'_>,
 ) -> anyhow::Result<Floor> {
-    let Some(camera) = &config.robot.camera else { anyhow::bail!("the robot has no camera") };
     let mapper = FloorMapper::new(&config.texture, camera, config.seed)?;
     let stamps = |entries: &[floorprint_io::ImageEntry]| entries.iter().map(|entry| entry.stamp_s).collect::<Vec<_>>();
-    let pairing = pair_by_time(&stamps(&images.disparity), &stamps(&images.color), config.texture.pairing_gap_max_s);
+    let pairing = pair_by_time(&stamps(&images.depth), &stamps(&images.color), config.texture.pairing_gap_max_s);
     let trajectory = Trajectory::new(poses);
     let pose_at = |stamp_s: f64| trajectory.pose_at(stamp_s, dead_reckoning);
     let places: Vec<Pose2> = pairing.pairs.iter().map(|pair| pose_at(images.color[pair.color].stamp_s)).collect();
     let kept = spaced(&places, config.texture.image_spacing_m, config.texture.image_spacing_rad);
-    let pairs: Vec<_> = pairing.pairs.iter().zip(kept).filter(|(_, kept)| *kept).map(|(pair, _)| pair).collect();
+    let pairs: Vec<_> = pairing.pairs.iter().zip(kept).filter(|(_, kept)| *kept).map(|(pair, _)| *pair).collect();
     let progress = around.terminal.progress("painting", "images", pairs.len());
 
-    let outcomes: Vec<Result<FloorPatch, String>> = pairs
-        .par_iter()
-        .filter(|_| !around.interrupt.requested())
-        .map(|pair| {
-            let load =
-                || Ok((images.disparity[pair.disparity].load_disparity()?, images.color[pair.color].load_color()?));
-            let (disparity, color) = load().map_err(|error: floorprint_io::ReadError| error.problem().found.clone())?;
-            let motion = dead_reckoning.motion(disparity.stamp_s, color.stamp_s);
-            let frame = RgbdFrame { disparity: &disparity, color: &color, disparity_body_from_color_body: motion };
-            let patch = mapper.patch(&frame).map_err(|reason| reason_for_skipping(reason).to_owned());
-            progress.inc(1);
-            patch
-        })
-        .collect();
+    let patch = |pair: LoadedPair| -> Result<FloorPatch, String> {
+        let (depth, color) = pair.map_err(|error| error.problem().found.clone())?;
+        let motion = dead_reckoning.motion(depth.stamp_s, color.stamp_s);
+        let frame = RgbdFrame { depth: &depth, color: &color, depth_body_from_color_body: motion };
+        let patch = mapper.patch(&frame).map_err(|reason| reason_for_skipping(reason).to_owned());
+        progress.inc(1);
+        patch
+    };
+    let outcomes = images.for_each_pair(&pairs, &|| around.interrupt.requested(), &patch);
     progress.finish_and_clear();
 
     let mut skipped = BTreeMap::new();
@@ -306,8 +302,8 @@ fn paint(
             *skipped.entry(reason).or_insert(0) += images;
         }
     };
-    count("disparity images without a colour image near in time".to_owned(), pairing.unpaired_disparity);
-    count("colour images without a disparity image near in time".to_owned(), pairing.unpaired_color);
+    count("depth images without a colour image near in time".to_owned(), pairing.unpaired_depth);
+    count("colour images without a depth image near in time".to_owned(), pairing.unpaired_color);
     let mut patches = Vec::with_capacity(outcomes.len());
     for outcome in outcomes {
         match outcome {
@@ -333,7 +329,7 @@ fn reason_for_skipping(reason: SkipReason) -> &'static str {
     match reason {
         SkipReason::BrokenImage => "images without the pixels they announce",
         SkipReason::UnknownMotion => "images without odometry between them",
-        SkipReason::NoDepth => "disparity images without a measurement",
+        SkipReason::NoDepth => "depth images without a measurement",
         SkipReason::NoFloor => "images without floor in view",
     }
 }

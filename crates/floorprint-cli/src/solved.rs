@@ -3,6 +3,7 @@
 use crate::check;
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
+use crate::mcap;
 use crate::report::Report;
 use crate::run::{Task, Work};
 use crate::run_folder;
@@ -67,6 +68,7 @@ pub fn solve_drive(request: &Request, watcher: &Watcher) -> anyhow::Result<Optio
         arrival: None,
         force: false,
         earlier: None,
+        mcap: None,
     };
     let solved = work.pool()?.install(|| task.solve(&watcher.terminal(), &watcher.interrupt, None))?;
     Ok(solved.filter(|solved| !solved.solution.partial))
@@ -128,6 +130,12 @@ impl Task<'_> {
 
         stopwatch.enter(Phase::Evaluate);
         let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
+        if let Some(path) = self.mcap {
+            let _writing = terminal.busy("writing");
+            let frames = data_set.frames(&config)?;
+            let frames = if self.arrival.is_some() { frames.in_order_of_arrival() } else { frames };
+            mcap::write(path, &frames, &config, &solution, &map)?;
+        }
         let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
         report.notes.extend(symptoms.iter().map(check::sentence));
         if map.resolution_m > config.map.resolution_m {

@@ -10,7 +10,8 @@ use floorprint::evaluation::{
     TrajectoryError, TrajectoryErrorOptions, TruthAlignment, camera_footprint,
 };
 use floorprint::map::{Occupancy, Raster};
-use floorprint::sensors::{CameraConfig, StampedPose};
+use floorprint::sensors::StampedPose;
+use floorprint::texture::RgbdCamera;
 use floorprint_io::{DataSet, ReadError, RecordedTruth, read_floor, read_map, read_relations, read_trajectory};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -104,8 +105,8 @@ impl TruthFiles {
             errors.map = noted(MapQuality::new(map, truth, &MapQualityOptions::default()), notes);
         }
         if let (Some(path), Some(floor)) = (&self.floor, &solution.floor) {
-            let seen = true_map.zip(config.robot.camera.as_ref());
-            let seen = seen.map(|(map, camera)| seen_floor(&floor.images, &errors.true_trajectory, camera, &map));
+            let seen = true_map.zip(seeing_camera(config));
+            let seen = seen.map(|(map, camera)| seen_floor(&floor.images, &errors.true_trajectory, &camera, &map));
             let truth = read_floor(path)?;
             let options = TextureErrorOptions::default();
             errors.texture = noted(TextureError::new(&floor.map, &truth, seen.as_ref(), &options), notes);
@@ -148,11 +149,16 @@ fn compare_with_recorded(truth: &RecordedTruth, solution: &Solution, errors: &mu
     errors.true_trajectory = aligned;
 }
 
+/// The robot's camera as far as it paints.
+pub(crate) fn seeing_camera(config: &Config) -> Option<RgbdCamera> {
+    Some(RgbdCamera::of(&config.robot)?.up_to(config.texture.distance_max_m))
+}
+
 /// The floor that the camera saw from where it truly was when the images were taken.
 pub(crate) fn seen_floor(
     images: &[StampedPose],
     true_trajectory: &[StampedPose],
-    camera: &CameraConfig,
+    camera: &RgbdCamera,
     true_map: &Raster<Occupancy>,
 ) -> Raster<bool> {
     let truth = StampIndex::new(true_trajectory);

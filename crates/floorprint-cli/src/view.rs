@@ -8,9 +8,10 @@ use crate::outcome::Outcome;
 use crate::run_folder;
 use crate::terminal::Terminal;
 use clap::Args;
+use floorprint::sensors::RobotConfig;
 use floorprint::session::Renderer;
 use floorprint_io::{SessionFile, read_trajectory};
-use floorprint_live::{Board, Inbox, MapPicture, Mode, Picture};
+use floorprint_live::{Board, FrameNames, Inbox, MapPicture, Mode, Picture};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::park;
@@ -34,10 +35,12 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let board = Arc::new(Board::new(Mode::Viewing, &name, Arc::new(Inbox::new())));
     board.show_picture(picture(&arguments.path)?);
     let mut page = arguments.page.clone();
-    page.http = page.http.or(ADDRESS.parse().ok());
+    if !page.is_asked_for() {
+        page.http = ADDRESS.parse().ok();
+    }
     let waiting = std::thread::current();
     interrupt.on_request(move || waiting.unpark());
-    page.show(&board, terminal)?;
+    page.show(&board, &FrameNames::of(&RobotConfig::default()), terminal)?;
     terminal.say("Ctrl-C ends it");
     while !interrupt.requested() {
         park();

@@ -192,6 +192,142 @@ fn a_session_that_is_ended_by_a_signal_or_killed_is_gone_on_with() {
     assert!(!left.iter().any(|name| name.ends_with("-wal") || name.contains("unfinished")), "{left:?}");
 }
 
+/// Lines of a robot at `x` metres in a room: odometry, and a scan.
+fn in_room(stamp: f64, x: f64) -> [String; 2] {
+    let range = |ray: usize| {
+        let (sin, cos) = (-1.5 + 0.0167 * ray as f64).sin_cos();
+        let to_end = if cos > 0.0 { (5.0 - x) / cos } else { (-2.0 - x) / cos };
+        to_end.min(if sin > 0.0 { 2.0 / sin } else { -2.5 / sin })
+    };
+    let ranges: Vec<String> = (0..180).map(|ray| format!("{:.3}", range(ray))).collect();
+    [
+        format!("{{\"type\":\"odometry\",\"stamp\":{stamp},\"x\":{x},\"y\":0,\"theta\":0}}\n"),
+        format!(
+            "{{\"type\":\"scan\",\"stamp\":{stamp},\"angle_min\":-1.5,\"angle_increment\":0.0167,\"ranges\":[{}]}}\n",
+            ranges.join(",")
+        ),
+    ]
+}
+
+/// Ends the input, waits, and gives what was said with the report and the last pose's x.
+fn ended(mut child: Child, out: &Path) -> (String, serde_json::Value, f64) {
+    drop(child.stdin.take());
+    let Output { status, stderr, .. } = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&stderr).into_owned();
+    assert_eq!(status.code(), Some(0), "{said}");
+    let report = serde_json::from_slice(&fs::read(out.join("live.json")).unwrap()).unwrap();
+    let trajectory = fs::read_to_string(out.join("trajectory.tum")).unwrap();
+    (said, report, trajectory.lines().last().unwrap().split(' ').nth(1).unwrap().parse().unwrap())
+}
+
+#[test]
+fn a_clock_that_is_set_is_told_and_the_robot_is_followed() {
+    for step_s in [3600.0, -3600.0, -5.0] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let mut child = reading(&["--out", out.to_str().unwrap()]);
+        let input = child.stdin.as_mut().unwrap();
+        for scan in 0..120 {
+            let stamp = 10_000.0 + 0.1 * f64::from(scan) + if scan < 60 { 0.0 } else { step_s };
+            input.write_all(in_room(stamp, 0.01 * f64::from(scan)).concat().as_bytes()).unwrap();
+        }
+        let (said, report, x) = ended(child, &out);
+        let expected = if step_s < 0.0 { "stamps go back by" } else { "stamps go on by" };
+        assert!(
+            said.contains(expected) && said.contains("a clock that was set") | said.contains("a clock was set"),
+            "{said}"
+        );
+        assert_eq!(report["scans"], 120);
+        assert!((x - 1.19).abs() < 0.03, "{step_s}: {x}");
+    }
+}
+
+#[test]
+fn a_lidar_that_vanishes_is_told_and_found_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut child = reading(&["--out", out.to_str().unwrap()]);
+    let input = child.stdin.as_mut().unwrap();
+    for scan in 0..100 {
+        let [odometry, line] = in_room(10_000.0 + 0.1 * f64::from(scan), 0.01 * f64::from(scan));
+        input.write_all(odometry.as_bytes()).unwrap();
+        if (40..70).contains(&scan) {
+            sleep(Duration::from_millis(80));
+        } else {
+            input.write_all(line.as_bytes()).unwrap();
+        }
+    }
+    let (said, report, x) = ended(child, &out);
+    assert_eq!(said.matches("no scan comes any more").count(), 1, "{said}");
+    assert!(said.contains("scans come again, after 2."), "{said}");
+    assert_eq!(report["scans"], 70);
+    assert!((x - 0.99).abs() < 0.03, "{x}");
+}
+
+#[test]
+fn a_session_is_worked_on_by_one_process() {
+    let folder = tempfile::tempdir().unwrap();
+    let session = folder.path().join("site.gpkg").display().to_string();
+    let mut first = reading(&["--session", &session]);
+    let lock = folder.path().join(".site.gpkg.lock");
+    wait_for("the first process", || fs::read_to_string(&lock).is_ok_and(|owner| !owner.is_empty()));
+    let said = floorprint(&["live", "-", "--session", &session], 1);
+    assert!(said.contains(&format!("another process (number {}) works on it", first.id())), "{said}");
+    // However the first one ends, the next one may go on.
+    first.kill().unwrap();
+    first.wait().unwrap();
+    floorprint(&["live", "-", "--session", &session], 0);
+    assert!(!lock.exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn twenty_kills_lose_nothing_that_was_saved() {
+    let folder = tempfile::tempdir().unwrap();
+    std::thread::scope(|scope| {
+        for robot in 0..5 {
+            let session = folder.path().join(format!("site-{robot}.gpkg"));
+            scope.spawn(move || {
+                let (mut scan, mut saved) = (0, 0);
+                for kill in 0..4 {
+                    let mut child = reading(&["--session", session.to_str().unwrap(), "--quiet"]);
+                    let input = child.stdin.as_mut().unwrap();
+                    // Saves come each second; the end comes at another moment of it each time.
+                    let end = Instant::now() + Duration::from_millis(1050 + 83 * (4 * robot + kill) % 600);
+                    while Instant::now() < end {
+                        let stamp = 10_000.0 + 0.1 * f64::from(scan);
+                        let x = 1.0 - (0.01 * f64::from(scan)).cos();
+                        if input.write_all(in_room(stamp, x).concat().as_bytes()).is_err() {
+                            break;
+                        }
+                        scan += 1;
+                        sleep(Duration::from_millis(5));
+                    }
+                    child.kill().unwrap();
+                    child.wait().unwrap();
+                    if session.exists() {
+                        let now = frames(&session);
+                        assert!(now >= saved, "{now} of {saved} frames");
+                        saved = now;
+                    }
+                }
+                assert!(saved > 0, "nothing was saved in {scan} scans");
+            });
+        }
+    });
+    // What was cut off in the middle of a save is taken up by the next one.
+    let session = folder.path().join("site-0.gpkg");
+    let before = frames(&session);
+    let mut child = reading(&["--session", session.to_str().unwrap()]);
+    let input = child.stdin.as_mut().unwrap();
+    (0..20).for_each(|scan| {
+        input.write_all(in_room(20_000.0 + 0.1 * f64::from(scan), 0.0).concat().as_bytes()).unwrap();
+    });
+    drop(child.stdin.take());
+    assert!(child.wait().unwrap().success());
+    assert_eq!(frames(&session), before + 20);
+}
+
 #[test]
 fn a_robot_is_followed_in_a_finished_map() {
     let folder = tempfile::tempdir().unwrap();
@@ -248,6 +384,13 @@ impl Watched {
         std::thread::spawn(move || said.lines().for_each(drop));
         let address = line.split("http://").nth(1).unwrap().split('/').next().unwrap().to_owned();
         Self { child, address }
+    }
+
+    /// Kilobytes of memory that the session holds; 0 where the system does not say.
+    fn memory_kb(&self) -> u64 {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap_or("0");
+        line.split_whitespace().next().unwrap().parse().unwrap()
     }
 
     /// The answer to a request with these headers.
@@ -311,14 +454,18 @@ fn the_page_shows_the_map_and_stands_floods() {
     }
     let long = "x".repeat(10_000);
     assert!(watched.ask("POST /pause", &["Content-Type: application/json"], &long).starts_with("HTTP/1.1 413"));
-    // Connections that say nothing, talk nonsense or never end; a viewer that never reads.
+    // Connections that say nothing, talk nonsense without end or never end; a viewer that never reads.
+    let before_kb = watched.memory_kb();
+    let garbage: Vec<u8> = (0..1 << 20).map(|at: u32| (at.wrapping_mul(2_654_435_761) >> 24) as u8 | 0x20).collect();
     let flood: Vec<TcpStream> = (0..300)
         .filter_map(|number| {
             let mut stream = TcpStream::connect(&watched.address).ok()?;
-            let bytes: &[u8] = match number % 4 {
+            stream.set_write_timeout(Some(Duration::from_millis(100))).ok()?;
+            let bytes: &[u8] = match number % 5 {
                 0 => b"",
                 1 => b"\xff\xfe\x00 nonsense\r\n\r\n",
                 2 => b"GET / HTTP/1.1\r\nX: ",
+                3 => &garbage,
                 _ => b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n",
             };
             let _ = stream.write_all(bytes);
@@ -330,6 +477,8 @@ fn the_page_shows_the_map_and_stands_floods() {
         assert!(watched.ask("GET /page.js", &[], "").contains("HTTP/1.1 200"));
     }
     assert!(asked.elapsed() < Duration::from_secs(5), "{:?}", asked.elapsed());
+    let grown_kb = watched.memory_kb().saturating_sub(before_kb);
+    assert!(grown_kb < 40_000, "{grown_kb} kB more");
     drop(flood);
     // The session went on.
     drop(input);

@@ -15,9 +15,16 @@ const SCRIPT: &str = r#"
 ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo || exit 1
 "$FLOORPRINT" live --ros2 --out "$FOLDER/live" --record "$FOLDER/drive.mcap" 2> "$FOLDER/said" &
 live=$!
-"$PYTHON" "$PEER" "$RATE" 2 < "$FOLDER/drive.jsonl" > "$FOLDER/found.json" 2> "$FOLDER/peer"
+"$PYTHON" "$PEER" "$RATE" 2 pose < "$FOLDER/drive.jsonl" > "$FOLDER/found.json" 2> "$FOLDER/peer"
 kill -TERM $live
 wait $live
+ended=$?
+"$FLOORPRINT" live --ros2 --map "$FOLDER/live/session.gpkg" --pose 0,0,0 2>> "$FOLDER/said" &
+live=$!
+"$PYTHON" "$PEER" "$RATE" 1 amcl_pose < "$FOLDER/drive.jsonl" > "$FOLDER/followed.json" 2>> "$FOLDER/peer"
+kill -TERM $live
+wait $live
+exit $ended
 "#;
 
 /// A drive along a corridor with doors, ten seconds long.
@@ -108,6 +115,20 @@ fn a_robot_of_another_make_is_mapped() {
     assert!(to_s > 1009.8 && (to_m - from_m - 0.4 * (to_s - from_s)).abs() < 0.05, "{found}");
     assert!(found["map"][2].as_u64().unwrap() > 100, "{found}");
     assert!(found["late_s"].as_f64().is_some_and(|late_s| late_s < 3.0), "{found}");
+    // In the map that was made the robot is followed, as AMCL's listeners expect it.
+    let followed: serde_json::Value = serde_json::from_str(&read("followed.json")).unwrap_or_else(|_| panic!("{said}"));
+    println!("{followed}");
+    assert!(
+        followed["poses"].as_u64().unwrap() >= 60 && followed["clouds"].as_u64().unwrap() >= 60,
+        "{followed}, {said}"
+    );
+    let particles = &followed["particles"];
+    let (stamp_s, [x_m, weight]) =
+        (particles[0].as_f64().unwrap(), [0, 1].map(|at| particles[1][0][at].as_f64().unwrap()));
+    assert!(
+        (x_m - from_m - 0.4 * (stamp_s - from_s)).abs() < 0.1 && weight > 0.5 && weight <= 1.0 + 1e-9,
+        "{followed}"
+    );
     // What was recorded gives the same, to the byte; where the machine is so busy that the last loops could not be closed
     // within the second that the session had, there is nothing to compare with.
     if !read("live/live.json").contains("\"finished\": true") {

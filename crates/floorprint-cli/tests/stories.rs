@@ -93,10 +93,14 @@ fn a_drive_becomes_a_folder_with_everything_in_it() {
     assert!(text(&output.stdout).contains("report.html"));
     for name in [
         "trajectory.tum",
+        "trajectory.kitti",
+        "live.tum",
         "odometry.tum",
         "map.pgm",
         "map.yaml",
         "map.png",
+        "trajectories.png",
+        "trajectories.svg",
         "texture.png",
         "texture.json",
         "images.tum",
@@ -489,7 +493,7 @@ fn the_configuration_is_shown_and_explained() {
 fn a_data_set_is_described() {
     let info: serde_json::Value = serde_json::from_slice(&floorprint(&["info", &drive(), "--json"]).stdout).unwrap();
     let sensors: Vec<_> = info["sensors"].as_array().unwrap().iter().map(|s| s["sensor"].as_str().unwrap()).collect();
-    assert_eq!(sensors, ["LiDAR", "encoders", "IMU", "disparity images", "colour images"]);
+    assert_eq!(sensors, ["LiDAR", "encoders", "IMU", "depth images", "colour images"]);
     let rate = info["sensors"][0]["rate_hz"].as_f64().unwrap();
     assert!((rate - 10.0).abs() < 0.1, "{rate}");
     assert!(text(&floorprint(&["info", &drive()]).stdout).contains("track_width_m"));

@@ -26,6 +26,12 @@ impl Budget {
         Self { most_bytes: FREE_BYTES + max_expansion * file_bytes, taken_bytes: 0.0, file_bytes }
     }
 
+    /// Of so many bytes.
+    #[cfg(test)]
+    pub(crate) fn of(most_bytes: usize) -> Self {
+        Self { most_bytes: most_bytes as f64, taken_bytes: 0.0, file_bytes: 3000.0 }
+    }
+
     /// Takes memory for so many values; `None` when that is too much.
     pub(crate) fn take<T>(&mut self, values: usize) -> Option<()> {
         self.taken_bytes += values as f64 * size_of::<T>() as f64;

@@ -5,14 +5,15 @@ use crate::error::{Problem, ReadError};
 use crate::format::{self, Format};
 use crate::images::ImageIndex;
 use crate::ros::LiveSession;
-use crate::source::Source;
+use crate::source::{InputHash, Source, is_archive};
+use crate::unpack::{STANDARD_INPUT, Unpacked};
 use floorprint::odometry::OdometryError;
 use floorprint::sensors::{Record, RobotConfig, Scan, StampedPose};
 use floorprint::{Config, Frames};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What the user may choose when a data set is opened.
 #[derive(Debug, Clone)]
@@ -43,6 +44,10 @@ pub struct TopicChoice {
     pub truth: Option<String>,
     /// The frame that is taken for the robot's body.
     pub base: Option<String>,
+    /// Topic of the colour images by which the floor is painted.
+    pub color: Option<String>,
+    /// Topic of the depth images that tell floor from what stands on it.
+    pub depth: Option<String>,
 }
 
 impl TopicChoice {
@@ -53,6 +58,8 @@ impl TopicChoice {
             (self.odometry.is_some(), "--odom"),
             (self.truth.is_some(), "--truth"),
             (self.base.is_some(), "--base"),
+            (self.color.is_some(), "--color"),
+            (self.depth.is_some(), "--depth"),
         ]
         .into_iter()
         .find_map(|(is_set, option)| is_set.then_some(option))
@@ -138,6 +145,8 @@ pub struct DataSet {
     pub bag: Option<BagContents>,
     /// What a live session knew that recorded it: its records stand in the order in which they came.
     pub live: Option<LiveSession>,
+    /// Where its files are as long as it is open, when they came out of an archive or from standard input.
+    pub(crate) unpacked: Option<Unpacked>,
 }
 
 impl DataSet {
@@ -163,12 +172,35 @@ impl DataSet {
     }
 }
 
-/// Opens the data set at `path`, recognised by its content.
+/// Opens the data set at `path`, recognised by its content: a file, a folder, a zip archive of either, or `-` for
+/// standard input.
 ///
 /// # Errors
 /// When nothing lies there, when no format is recognised, when the files are damaged
 /// or hold nothing that can be used, and when a drive is chosen of a single file.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
+    let Some(unpacked) = unpack(path, options)? else { return open_here(path, options) };
+    let is_input = path == Path::new(STANDARD_INPUT);
+    // Through standard input may come an archive; an archive in an archive may be endless.
+    let opened = if is_input { open(&unpacked.path, options) } else { open_here(&unpacked.path, options) };
+    let data_set = opened.map_err(|error| unpacked.named(&error, path))?;
+    let input_hash = if is_input {
+        data_set.input_hash.clone()
+    } else {
+        InputHash::of_files(&[path]).map_err(|error| ReadError::io(path, &error))?
+    };
+    Ok(DataSet { input_hash, unpacked: Some(unpacked.around(data_set.unpacked)), ..data_set })
+}
+
+/// What has to be put somewhere before it can be read.
+fn unpack(path: &Path, options: &OpenOptions) -> Result<Option<Unpacked>, ReadError> {
+    if path == Path::new(STANDARD_INPUT) {
+        return Unpacked::standard_input().map(Some);
+    }
+    is_archive(path).then(|| Unpacked::archive(path, options)).transpose()
+}
+
+fn open_here(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
     let source = Source::open(path)?;
     if let (Source::File(_), Some(drive)) = (&source, options.drive) {
         let problem = Problem::new(path, format!("a single file, in which there is no drive {drive}"));
@@ -184,6 +216,40 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
             .into());
     }
     format.read(&source, options)
+}
+
+/// One of several drives in a folder.
+#[derive(Debug, Clone, Serialize)]
+pub struct DriveEntry {
+    /// What to open.
+    pub path: PathBuf,
+    /// Its number, where the path holds several.
+    pub drive: Option<u32>,
+    /// What is there of it, in words.
+    pub holds: String,
+}
+
+impl DriveEntry {
+    /// How the command line names it.
+    #[must_use]
+    pub fn arguments(&self) -> String {
+        let path = self.path.display();
+        self.drive.map_or_else(|| path.to_string(), |drive| format!("{path} --drive {drive}"))
+    }
+}
+
+/// The drives at `path` where there are several: those of a course folder, or the recordings and logs in any folder.
+/// Empty where there is one, or none, or one is chosen.
+///
+/// # Errors
+/// When nothing lies there or it cannot be looked at.
+pub fn drives(path: &Path, options: &OpenOptions) -> Result<Vec<DriveEntry>, ReadError> {
+    if options.drive.is_some() || path == Path::new(STANDARD_INPUT) || !path.is_dir() {
+        return Ok(Vec::new());
+    }
+    let source = Source::open(path)?;
+    let drives = format::drives(&source);
+    Ok(if drives.len() > 1 { drives } else { Vec::new() })
 }
 
 /// Why a part of the input was not used.

@@ -98,7 +98,7 @@ pub fn write_ece276a(
         };
         images("Disparity", disparity_images, &|index| {
             let image = drive.disparity_image(index)?;
-            Some(Picture { width: image.width, height: image.height, pixels: Pixels::Gray16(image.disparity) })
+            Some(Picture { width: image.width, height: image.height, pixels: Pixels::Gray16(image.values) })
         })?;
         images("RGB", color_images, &|index| {
             let image = drive.color_image(index)?;

@@ -31,8 +31,7 @@ struct Description {
 /// # Errors
 /// When a file cannot be written, or the floor has no cells.
 pub fn write_floor(path: &Path, floor: &FloorImage) -> Result<(), WriteError> {
-    let rgba = floor.cells.iter().map(|cell| cell.map_or([0; 4], |[r, g, b]| [r, g, b, 255])).collect();
-    write_png(path, &Picture { width: floor.width, height: floor.height, pixels: Pixels::Rgba8(rgba) })?;
+    write_png(path, &floor_picture(floor))?;
     let description = Description {
         image: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         resolution: floor.resolution_m,
@@ -40,6 +39,13 @@ pub fn write_floor(path: &Path, floor: &FloorImage) -> Result<(), WriteError> {
     };
     let text = serde_json::to_string_pretty(&description).map_err(|error| Problem::new(path, error.to_string()))?;
     write_file(&path.with_extension("json"), (text + "\n").as_bytes())
+}
+
+/// The floor as a picture, transparent where it was not seen.
+#[must_use]
+pub fn floor_picture(floor: &FloorImage) -> Picture {
+    let rgba = floor.cells.iter().map(|cell| cell.map_or([0; 4], |[r, g, b]| [r, g, b, 255])).collect();
+    Picture { width: floor.width, height: floor.height, pixels: Pixels::Rgba8(rgba) }
 }
 
 /// Reads a floor from its JSON file, or from its picture when the JSON file lies beside it under the same name.

@@ -56,6 +56,16 @@ impl Pixels {
         }
     }
 
+    /// As colours without opacity; the error says what pixels of 16 bits are.
+    pub(crate) fn into_rgb(self) -> Result<Vec<[u8; 3]>, &'static str> {
+        Ok(match self {
+            Self::Rgb8(rgb) => rgb,
+            Self::Gray8(gray) => gray.into_iter().map(|value| [value; 3]).collect(),
+            Self::Rgba8(rgba) => rgba.into_iter().map(|[r, g, b, _]| [r, g, b]).collect(),
+            Self::Gray16(_) => return Err(self.kind()),
+        })
+    }
+
     fn color_type(&self) -> (ColorType, BitDepth) {
         match self {
             Self::Gray8(_) => (ColorType::Grayscale, BitDepth::Eight),
@@ -95,7 +105,7 @@ pub(crate) fn decode_png(bytes: &[u8]) -> Result<Picture, String> {
     decode_within(bytes, PICTURE_BYTES, USUAL_EXPANSION)
 }
 
-fn decode_within(bytes: &[u8], free_bytes: f64, max_expansion: f64) -> Result<Picture, String> {
+pub(crate) fn decode_within(bytes: &[u8], free_bytes: f64, max_expansion: f64) -> Result<Picture, String> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(|error| error.to_string())?;

@@ -59,12 +59,15 @@ impl Contents {
             Self::Run => &[
                 "report.html",
                 "trajectory.tum",
+                "trajectory.kitti",
+                "live.tum",
                 "odometry.tum",
                 "graph.g2o",
                 "map.pgm",
                 "map.yaml",
                 "map.png",
                 "trajectories.png",
+                "trajectories.svg",
                 "texture.png",
                 "texture.json",
                 "images.tum",
@@ -87,7 +90,9 @@ impl Contents {
                 "truth_texture.png",
             ],
             Self::Live => &["session.gpkg", "trajectory.tum", "map.pgm", "map.yaml", "config.toml"],
-            Self::Localization => &["report.html", "trajectory.tum", "localization.png", "config.toml"],
+            Self::Localization => {
+                &["report.html", "trajectory.tum", "localization.png", "config.toml", "changes.geojson", "changes.png"]
+            }
         }
     }
 
@@ -489,7 +494,7 @@ pub fn free_beside(target: &Path) -> PathBuf {
 
 /// Whether `folder` is what stands at `path`.
 #[cfg(unix)]
-fn is_at(folder: &File, path: &Path) -> bool {
+pub(crate) fn is_at(folder: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     let identity = |found: &fs::Metadata| (found.dev(), found.ino());
     matches!((folder.metadata(), fs::metadata(path)), (Ok(own), Ok(there)) if identity(&own) == identity(&there))
@@ -497,7 +502,7 @@ fn is_at(folder: &File, path: &Path) -> bool {
 
 /// Whether `folder` is what stands at `path`: elsewhere, folders that are open cannot be moved.
 #[cfg(not(unix))]
-fn is_at(_folder: &File, path: &Path) -> bool {
+pub(crate) fn is_at(_folder: &File, path: &Path) -> bool {
     path.exists()
 }
 

@@ -26,6 +26,17 @@ fn beginning_of_recording(path: &Path) -> Result<Option<Vec<u8>>, ReadError> {
     Ok(begins_like_recording(&head).then_some(head))
 }
 
+/// How archives begin that hold something.
+const ZIP_MAGIC: &[u8] = b"PK\x03\x04";
+
+/// Whether there is a zip archive at `path`, also one that is a single NumPy archive.
+pub(crate) fn is_archive(path: &Path) -> bool {
+    let mut head = Vec::new();
+    // What cannot be read is told where it is opened; who waits for a pipe waits for ever.
+    let read = path.is_file().then(|| File::open(path).and_then(|file| file.take(4).read_to_end(&mut head)));
+    matches!(read, Some(Ok(_))) && head == ZIP_MAGIC
+}
+
 /// What a path leads to.
 pub(crate) enum Source {
     /// A file.

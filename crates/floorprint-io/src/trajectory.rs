@@ -30,6 +30,23 @@ fn format_trajectory(trajectory: &[StampedPose]) -> String {
     text
 }
 
+/// Writes a trajectory as KITTI has them: the first three rows of each pose's matrix, `world_from_body`, without stamps.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_kitti(path: &Path, trajectory: &[StampedPose]) -> Result<(), WriteError> {
+    let mut text = String::with_capacity(trajectory.len() * 100);
+    for StampedPose { pose, .. } in trajectory {
+        let (sin, cos) = pose.theta.sin_cos();
+        let rows = [(cos, 9, " "), (0.0 - sin, 9, " 0 "), (pose.x, 6, " "), (sin, 9, " "), (cos, 9, " 0 ")];
+        for (value, decimals, behind) in rows.into_iter().chain([(pose.y, 6, " 0 0 1 0\n")]) {
+            push_fixed(&mut text, value, decimals);
+            text.push_str(behind);
+        }
+    }
+    write_file(path, text.as_bytes())
+}
+
 /// Reads a trajectory and projects it onto the plane: z, roll and pitch are left out.
 ///
 /// Empty lines and lines beginning with `#` are skipped.
@@ -69,6 +86,21 @@ fn parse_pose(line: &[u8]) -> Option<StampedPose> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn kitti_has_the_first_three_rows_of_each_pose() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("trajectory.kitti");
+        let pose = Pose2::new(1.5, -2.0, std::f64::consts::FRAC_PI_2);
+        write_kitti(&path, &[StampedPose { stamp_s: 1.0, pose: Pose2::IDENTITY }, StampedPose { stamp_s: 2.0, pose }])
+            .unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let rows: Vec<Vec<f64>> =
+            text.lines().map(|line| line.split(' ').map(|number| number.parse().unwrap()).collect()).collect();
+        assert_eq!(rows[0], [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        assert_eq!(rows[1], [0.0, -1.0, 0.0, 1.5, 1.0, 0.0, 0.0, -2.0, 0.0, 0.0, 1.0, 0.0]);
+        assert!(!text.contains("-0.000000000"), "{text}");
+    }
     use floorprint::geometry::wrap_angle;
     use proptest::prelude::*;
 

@@ -12,7 +12,7 @@
 mod bag_writers;
 mod data_folder;
 
-use bag_writers::{Message, Rays, mcap, odometry, pose, ros1_bag, scan, sqlite, transform, zstd};
+use bag_writers::{Message, Rays, joints, mcap, odometry, pose, ros1_bag, scan, sqlite, transform, zstd};
 use data_folder::data;
 use floorprint::Frames;
 use floorprint::config::Layer;
@@ -20,7 +20,7 @@ use floorprint::evaluation::{TrajectoryError, TrajectoryErrorOptions, TruthAlign
 use floorprint::geometry::Pose3;
 use floorprint::sensors::Record;
 use floorprint::{Config, Frame, SensorId, Slam};
-use floorprint_io::{DataSet, OpenOptions, ReadError, TopicChoice, open};
+use floorprint_io::{DataSet, OpenOptions, ReadError, TopicChoice, drives, open};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
@@ -277,6 +277,66 @@ fn roles_that_are_asked_for_are_taken() {
     assert!(message.contains("sensor_msgs/LaserScan, no poses"), "{message}");
     let message = refused(TopicChoice { base: Some("base_lnk".to_owned()), ..TopicChoice::default() });
     assert!(message.contains("Did you mean base_link"), "{message}");
+}
+
+#[test]
+fn a_folder_of_recordings_is_not_one_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("monday.bag"), ros1_bag(&drive(3), "none", 17)).unwrap();
+    fs::write(folder.path().join("tuesday.mcap"), mcap(&drive(3), "", 17, false)).unwrap();
+    let error = open(folder.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("a folder of recordings") && error.contains("monday.bag"), "{error}");
+    let listed = drives(folder.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(listed.iter().map(|entry| entry.drive).collect::<Vec<_>>(), [None, None]);
+    assert!(listed[1].path.ends_with("tuesday.mcap"), "{listed:?}");
+    // One file alone is what it is.
+    fs::remove_file(folder.path().join("monday.bag")).unwrap();
+    assert_eq!(read(folder.path()).scans().count(), 3);
+    assert!(drives(folder.path(), &OpenOptions::default()).unwrap().is_empty());
+}
+
+#[test]
+fn wheels_among_joints_are_the_odometry_where_that_is_asked_for() {
+    const RADIUS_M: f64 = 0.1;
+    const TRACK_M: f64 = 0.4;
+    // The arm speaks on the same topic.
+    let step = |step| {
+        let [_, _, turned] = place(step);
+        let angle_rad = |side: f64| (3.0 + side * TRACK_M / 2.0) * turned / RADIUS_M;
+        let wheels = [("wheel_right_joint", angle_rad(1.0)), ("wheel_left_joint", angle_rad(-1.0))];
+        [
+            joints("/joint_states", at(step), &wheels),
+            joints("/joint_states", at(step), &[("arm_joint", 0.3)]),
+            odometry("/odom", at(step), "base_link", place(step)),
+            scan("/scan", at(step), "base_link", &RAYS, &ranges_m(step)),
+        ]
+    };
+    let messages: Vec<Message> = (0..60).flat_map(step).collect();
+    let found = choose(&messages, TopicChoice::default()).unwrap();
+    let role = found.bag.as_ref().unwrap().roles.iter().find(|role| role.what == "/joint_states").unwrap().clone();
+    assert!(role.role == "not used" && role.reason.contains("--odom /joint_states"), "{role:?}");
+    assert!(!found.records.iter().any(|record| matches!(record, Record::Encoders(_))));
+
+    let wheels = TopicChoice { odometry: Some("/joint_states".to_owned()), ..TopicChoice::default() };
+    let data_set = choose(&messages, wheels).unwrap();
+    assert!(note_of(&data_set, "robot.wheels").is_some_and(|note| note.contains("radius")), "{:?}", data_set.notes);
+    let count = |wanted: fn(&Record) -> bool| data_set.records.iter().filter(|record| wanted(record)).count();
+    assert_eq!(count(|record| matches!(record, Record::Encoders(_))), 60);
+    assert_eq!(count(|record| matches!(record, Record::Odometry(_))), 0);
+    // Without radius and track width that is an error that says what is missing …
+    let config = Config::resolve(&[Layer::from_robot(&data_set.robot)]).unwrap();
+    let error = data_set.frames(&config).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("robot.wheels is not set"), "{error}");
+    // … and with them the drive's own way.
+    let text = format!(
+        "[robot.wheels]\nleft_m_per_tick = {RADIUS_M}\nright_m_per_tick = {RADIUS_M}\ntrack_width_m = {TRACK_M}\n"
+    );
+    let layers = [Layer::from_robot(&data_set.robot), Layer::from_toml("my.toml", &text).unwrap()];
+    let config = Config::resolve(&layers).unwrap();
+    let last = data_set.frames(&config).unwrap().iter().last().unwrap();
+    let [x, y, theta] = place(59);
+    let pose = last.dead_reckoning;
+    assert!((pose.x - x).abs() < 0.01 && (pose.y - y).abs() < 0.01 && (pose.theta - theta).abs() < 0.01, "{pose:?}");
 }
 
 #[test]

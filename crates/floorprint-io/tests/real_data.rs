@@ -137,9 +137,9 @@ fn the_courses_drive_is_read_with_its_images() {
     // The drive's path is 93 m long; it is driven forwards but for a few metres.
     assert!((ticks * 0.0022 - 93.0).abs() < 6.0, "{} m", ticks * 0.0022);
     let images = drive.images.unwrap();
-    assert_eq!((images.disparity.len(), images.color.len()), (121, 114));
-    let (disparity, color) = (images.disparity[60].load_disparity().unwrap(), images.color[60].load_color().unwrap());
-    assert_eq!((disparity.width, disparity.height, disparity.disparity.len()), (640, 480, 640 * 480));
+    assert_eq!((images.depth.len(), images.color.len()), (121, 114));
+    let (disparity, color) = (images.depth[60].load_depth().unwrap(), images.color[60].load_color().unwrap());
+    assert_eq!((disparity.width, disparity.height, disparity.values.len()), (640, 480, 640 * 480));
     assert_eq!((color.width, color.height, color.rgb.len()), (640, 480, 640 * 480));
 }
 

@@ -44,8 +44,8 @@ fn what_is_written_is_what_is_read() {
     }
 
     let images = data.images.unwrap();
-    assert_eq!(images.disparity.len(), drive.disparity_stamps_s().len());
-    assert_eq!(images.disparity[2].load_disparity().unwrap(), drive.disparity_image(2).unwrap());
+    assert_eq!(images.depth.len(), drive.disparity_stamps_s().len());
+    assert_eq!(images.depth[2].load_depth().unwrap(), drive.disparity_image(2).unwrap());
     assert_eq!(images.color[1].load_color().unwrap(), drive.color_image(1).unwrap());
 
     assert_eq!(read_trajectory(&target.join("truth.tum")).unwrap().len(), drive.scan_count());

@@ -4,13 +4,18 @@ use floorprint::localization::Start;
 use floorprint::sensors::Record;
 use serde::Serialize;
 use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// So many scans may wait. An engine that keeps up has one; the rest bridges a pause of the machine (0.4 s at 40 Hz).
 const MOST_SCANS: usize = 16;
 /// So many other readings may wait: a second of the fastest IMU.
 const MOST_READINGS: usize = 4096;
+
+/// Saving a session takes no longer than this.
+const LONGEST_SAVE: Duration = Duration::from_secs(30);
 
 /// Something for the engine.
 #[derive(Debug)]
@@ -19,6 +24,10 @@ pub enum Event {
     Record(Record, Instant),
     /// Somebody says where the robot is; only a localizer listens.
     Start(Start),
+    /// Somebody wants the session in a file, and is told whether it is there.
+    Save(PathBuf, SyncSender<bool>),
+    /// Nothing came for as long as was to be waited.
+    Nothing,
 }
 
 /// What was lost because the engine did not keep up, or was not wanted.
@@ -119,6 +128,16 @@ impl Inbox {
         self.changed.notify_all();
     }
 
+    /// Has the session saved, and waits until it is; tells whether that worked.
+    pub fn save_session(&self, path: PathBuf) -> bool {
+        let (done, wait) = sync_channel(1);
+        let mut state = self.lock();
+        state.push(Event::Save(path, done));
+        drop(state);
+        self.changed.notify_all();
+        wait.recv_timeout(LONGEST_SAVE).unwrap_or(false)
+    }
+
     /// Whether scans are left out until further notice.
     pub fn pause(&self, is_paused: bool) {
         self.lock().is_paused = is_paused;
@@ -142,8 +161,10 @@ impl Inbox {
         self.changed.notify_all();
     }
 
-    /// The next event, as soon as there is one; `None` when the queue is closed and empty.
-    pub fn next(&self) -> Option<Event> {
+    /// The next event, as soon as there is one, or [`Event::Nothing`] after `patience`; `None` when the queue is closed and
+    /// empty.
+    pub fn next(&self, patience: Duration) -> Option<Event> {
+        let end = Instant::now() + patience;
         let mut state = self.lock();
         loop {
             if let Some(event) = state.waiting.pop_front() {
@@ -154,7 +175,10 @@ impl Inbox {
             if state.is_closed {
                 return None;
             }
-            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            let Some(left) = end.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) else {
+                return Some(Event::Nothing);
+            };
+            state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 
@@ -179,7 +203,8 @@ mod tests {
     use floorprint::sensors::{Scan, ScanGeometry, StampedPose};
     use std::sync::Arc;
     use std::thread;
-    use std::time::Duration;
+
+    const PATIENCE: Duration = Duration::from_secs(60);
 
     fn scan(stamp_s: f64) -> Record {
         let geometry = Arc::new(ScanGeometry {
@@ -198,10 +223,10 @@ mod tests {
 
     fn stamps(inbox: &Inbox) -> Vec<f64> {
         inbox.close();
-        std::iter::from_fn(|| inbox.next())
+        std::iter::from_fn(|| inbox.next(PATIENCE))
             .filter_map(|event| match event {
                 Event::Record(record, _) => Some(record.stamp_s()),
-                Event::Start(_) => None,
+                Event::Start(_) | Event::Save(..) | Event::Nothing => None,
             })
             .collect()
     }
@@ -225,7 +250,7 @@ mod tests {
         (0..1000).for_each(|_| inbox.set_start(Start::Unknown));
         inbox.set_start(Start::At(Pose2::IDENTITY));
         inbox.close();
-        let events: Vec<Event> = std::iter::from_fn(|| inbox.next()).collect();
+        let events: Vec<Event> = std::iter::from_fn(|| inbox.next(PATIENCE)).collect();
         assert!(matches!(events[..], [Event::Start(Start::At(_))]), "{events:?}");
     }
 
@@ -235,7 +260,7 @@ mod tests {
         let taken = thread::scope(|scope| {
             let taker = scope.spawn(|| {
                 let mut taken = 0;
-                while inbox.next().is_some() {
+                while inbox.next(PATIENCE).is_some() {
                     taken += 1;
                     thread::sleep(Duration::from_micros(50));
                 }
@@ -247,6 +272,19 @@ mod tests {
         });
         assert_eq!((taken, inbox.lost()), (200, Lost::default()));
         assert!(!inbox.send(scan(0.0)));
+    }
+
+    #[test]
+    fn who_wants_the_session_saved_is_told_whether_it_is() {
+        let inbox = Inbox::new();
+        thread::scope(|scope| {
+            let asking = scope.spawn(|| inbox.save_session(PathBuf::from("site.gpkg")));
+            let Some(Event::Save(path, done)) = inbox.next(PATIENCE) else { panic!("nothing was asked for") };
+            assert_eq!(path, PathBuf::from("site.gpkg"));
+            done.send(true).unwrap();
+            assert!(asking.join().unwrap());
+        });
+        assert!(matches!(inbox.next(Duration::from_millis(1)), Some(Event::Nothing)));
     }
 
     #[test]

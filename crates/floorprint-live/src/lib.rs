@@ -5,8 +5,16 @@
 //! of viewers look, each at its own pace.
 
 mod board;
+mod bucket;
+mod connections;
 mod delays;
 mod engine;
+#[cfg(feature = "foxglove")]
+mod foxglove;
+mod frame_names;
+mod guard;
+#[cfg(any(feature = "foxglove", feature = "ros2"))]
+mod health;
 mod http;
 mod inbox;
 mod json_lines;
@@ -18,7 +26,11 @@ pub mod ros2;
 pub use board::{Board, Counts, Line, Mode, Picture, Situation};
 pub use delays::{DelaySummary, Delays};
 pub use engine::{Engine, EngineError, Step, Whereabouts, resume};
-pub use http::{AccessError, Server, ServerError, Token};
+#[cfg(feature = "foxglove")]
+pub use foxglove::FoxgloveServer;
+pub use frame_names::FrameNames;
+pub use guard::{AccessError, Token};
+pub use http::{Server, ServerError};
 pub use inbox::{Event, Inbox, Lost};
 pub use json_lines::JsonLines;
 pub use map_picture::{LEVELS, MapPicture, PICTURE_SIDE, Place};

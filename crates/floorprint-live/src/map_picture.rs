@@ -1,7 +1,7 @@
 //! The map as square pictures at several scales, of which only those change whose cells do.
 
 use floorprint::map::{Cell, Occupancy, OccupancyGrid, Raster, TILE_SIDE};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// Side of a picture, pixels; at the finest level a pixel is a cell.
@@ -87,6 +87,36 @@ impl MapPicture {
         }
     }
 
+    /// The whole map in the smallest pixels of which there are at most so many, of those that levels have; `None` where
+    /// nothing was seen. It may reach beyond what was seen.
+    #[must_use]
+    pub fn coarse_raster(&self, most_pixels: usize) -> Option<Raster<Occupancy>> {
+        let columns = self.changed.keys().map(|place| place.0);
+        let rows = self.changed.keys().map(|place| place.1);
+        let first = [columns.clone().min()?, rows.clone().min()?];
+        let last = [columns.max()?, rows.max()?];
+        let size = |level: u8| {
+            let places = |axis: usize| ((last[axis] >> level) - (first[axis] >> level) + 1) as usize * PICTURE_SIDE;
+            [places(0), places(1)]
+        };
+        let level = (0..LEVELS - 1).find(|&level| size(level)[0] * size(level)[1] <= most_pixels).unwrap_or(LEVELS - 1);
+        let [width, height] = size(level);
+        let mut cells = vec![Occupancy::Unknown; width * height];
+        let places: BTreeSet<Place> = self.changed.keys().map(|place| (place.0 >> level, place.1 >> level)).collect();
+        for (column, row) in places {
+            let Some(pixels) = self.picture(level, (column, row)) else { continue };
+            let start = [(column - (first[0] >> level)) as usize, ((last[1] >> level) - row) as usize];
+            for (line, pixels) in pixels.chunks_exact(PICTURE_SIDE).enumerate() {
+                let at = (start[1] * PICTURE_SIDE + line) * width + start[0] * PICTURE_SIDE;
+                cells[at..at + PICTURE_SIDE].copy_from_slice(pixels);
+            }
+        }
+        let resolution_m = self.resolution_m() * f64::from(1_u32 << level);
+        let corner = |axis: usize| f64::from((first[axis] >> level) * PICTURE_SIDE as i32) * resolution_m;
+        let origin_m = [0, 1].map(|axis| self.origin_m()[axis] + corner(axis));
+        Some(Raster { width, height, resolution_m, origin_m, cells })
+    }
+
     /// When the picture at a place of a level changed last; `None` where it shows nothing.
     #[must_use]
     pub fn changed_at(&self, level: u8, (column, row): Place) -> Option<u64> {
@@ -169,6 +199,21 @@ mod tests {
         assert_eq!(second.changed, BTreeMap::from([((0, 0), 1), ((1, 1), 2)]));
         assert_eq!([second.changed_at(0, (0, 0)), second.changed_at(1, (0, 0))], [Some(1), Some(2)]);
         assert_eq!([second.changed_at(0, (5, 0)), second.changed_at(0, (i32::MAX, 0))], [None, None]);
+    }
+
+    #[test]
+    fn large_maps_come_in_larger_pixels() {
+        let picture = MapPicture::default().followed_by(&grid_with(&[[3.0, 0.0], [-7.0, 20.0]]), 1);
+        let exact = picture.to_raster().unwrap();
+        for (most, resolution_m) in [(usize::MAX, 0.05), (3 * PICTURE_SIDE * PICTURE_SIDE, 0.1), (1, 1.6)] {
+            let raster = picture.coarse_raster(most).unwrap();
+            assert!((raster.resolution_m - resolution_m).abs() < 1e-12, "{} m", raster.resolution_m);
+            for index in (0..exact.cells.len()).filter(|&index| exact.cells[index] == Occupancy::Occupied) {
+                let (row, column) = raster.row_and_column_at(exact.center_m(index));
+                let cell = raster.index(row, column).map(|index| raster.cells[index]);
+                assert_eq!(cell, Some(Occupancy::Occupied), "at {:?}", exact.center_m(index));
+            }
+        }
     }
 
     #[test]

@@ -25,7 +25,7 @@ impl Choice {
         OpenOptions {
             drive,
             max_expansion: max_expansion.unwrap_or(USUAL_EXPANSION),
-            topics: TopicChoice { scans, odometry, truth, base },
+            topics: TopicChoice { scans, odometry, truth, base, ..TopicChoice::default() },
         }
     }
 }

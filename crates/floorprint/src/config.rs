@@ -116,13 +116,15 @@ impl Config {
                 adaptive.least, adaptive.most
             )));
         }
-        if let Some(camera) = &self.robot.camera
-            && camera.depth_min_m >= camera.depth_max_m
-        {
-            return Err(ConfigError::Contradiction(format!(
-                "`robot.camera.depth_min_m` ({}) must be below `robot.camera.depth_max_m` ({})",
-                camera.depth_min_m, camera.depth_max_m
-            )));
+        let kinect = self.robot.camera.as_ref().map(|camera| ("camera", camera.depth_min_m, camera.depth_max_m));
+        let other = self.robot.depth_camera.as_ref();
+        let other = other.map(|camera| ("depth_camera", camera.depth_min_m, camera.depth_max_m));
+        for (section, nearest_m, farthest_m) in kinect.into_iter().chain(other) {
+            if nearest_m >= farthest_m {
+                return Err(ConfigError::Contradiction(format!(
+                    "`robot.{section}.depth_min_m` ({nearest_m}) must be below `robot.{section}.depth_max_m` ({farthest_m})"
+                )));
+            }
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use floorprint::geometry::{Mount, Pose2};
-use floorprint::sensors::{CameraConfig, ColorImage, DisparityImage};
+use floorprint::sensors::{CameraConfig, ColorImage, DepthImage};
 use floorprint::texture::{
     Blend, FloorMapper, FloorPatch, RgbdFrame, SkipReason, TextureConfig, TextureMap, TextureSummary,
 };
@@ -86,7 +86,7 @@ fn look(
 }
 
 struct Shot {
-    disparity: DisparityImage,
+    depth: DepthImage,
     color: ColorImage,
     /// The body's pose at the colour image's time.
     pose: Pose2,
@@ -120,7 +120,7 @@ fn shoot(mount: &Mount, pose: Pose2, stamp_s: f64, gain: f64, obstacles: &[Obsta
         })
         .collect();
     Shot {
-        disparity: DisparityImage { stamp_s: stamp_s - 0.03, width: WIDTH, height: HEIGHT, disparity },
+        depth: DepthImage { stamp_s: stamp_s - 0.03, width: WIDTH, height: HEIGHT, values: disparity },
         color: ColorImage { stamp_s, width: WIDTH, height: HEIGHT, rgb },
         pose,
     }
@@ -143,11 +143,7 @@ fn mapper(config: &TextureConfig) -> FloorMapper {
 }
 
 fn patch(mapper: &FloorMapper, shot: &Shot) -> Result<FloorPatch, SkipReason> {
-    mapper.patch(&RgbdFrame {
-        disparity: &shot.disparity,
-        color: &shot.color,
-        disparity_body_from_color_body: PAIR_MOTION,
-    })
+    mapper.patch(&RgbdFrame { depth: &shot.depth, color: &shot.color, depth_body_from_color_body: PAIR_MOTION })
 }
 
 fn painted(config: &TextureConfig, shots: &[Shot]) -> TextureMap {
@@ -270,16 +266,16 @@ fn images_that_show_no_floor_are_skipped_with_a_reason() {
         change(&mut shot);
         patch(&mapper, &shot).map(|_| ()).unwrap_err()
     };
-    assert_eq!(reason(&|shot| shot.disparity.disparity.fill(2047)), SkipReason::NoDepth);
+    assert_eq!(reason(&|shot| shot.depth.values.fill(2047)), SkipReason::NoDepth);
     // Beyond 1088 the disparity term of eq. 23 is not positive: such a depth means nothing.
-    assert_eq!(reason(&|shot| shot.disparity.disparity.fill(1089)), SkipReason::NoDepth);
-    assert_eq!(reason(&|shot| shot.disparity.disparity.fill(u16::MAX)), SkipReason::NoDepth);
-    assert_eq!(reason(&|shot| shot.disparity.disparity.fill(500)), SkipReason::NoFloor);
-    assert_eq!(reason(&|shot| shot.disparity.disparity.truncate(7)), SkipReason::BrokenImage);
+    assert_eq!(reason(&|shot| shot.depth.values.fill(1089)), SkipReason::NoDepth);
+    assert_eq!(reason(&|shot| shot.depth.values.fill(u16::MAX)), SkipReason::NoDepth);
+    assert_eq!(reason(&|shot| shot.depth.values.fill(500)), SkipReason::NoFloor);
+    assert_eq!(reason(&|shot| shot.depth.values.truncate(7)), SkipReason::BrokenImage);
     assert_eq!(reason(&|shot| shot.color.rgb.clear()), SkipReason::BrokenImage);
     let shot = good();
     let motion = Pose2 { x: f64::NAN, y: 0.0, theta: 0.0 };
-    let frame = RgbdFrame { disparity: &shot.disparity, color: &shot.color, disparity_body_from_color_body: motion };
+    let frame = RgbdFrame { depth: &shot.depth, color: &shot.color, depth_body_from_color_body: motion };
     assert_eq!(mapper.patch(&frame).map(|_| ()).unwrap_err(), SkipReason::UnknownMotion);
 }
 

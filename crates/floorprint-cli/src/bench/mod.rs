@@ -4,8 +4,10 @@
 
 mod book;
 mod data_sets;
+mod drives;
 mod gauntlet;
 mod growth;
+mod localization;
 mod machine;
 mod run;
 mod simulated;
@@ -13,6 +15,9 @@ mod table;
 
 pub(crate) use data_sets::{DataSet, find as find_data_sets};
 pub(crate) use gauntlet::{DriveArguments as GauntletDriveArguments, execute_drive as execute_gauntlet_drive};
+pub(crate) use localization::{
+    DriveArguments as LocalizationDriveArguments, execute_drive as execute_localization_drive,
+};
 pub(crate) use machine::today;
 pub(crate) use simulated::{Arguments as DriveArguments, execute as execute_drive};
 
@@ -48,7 +53,8 @@ use std::time::{Duration, Instant};
 /// Run presets over data sets and simulated worlds with several seeds; tell accuracy and cost.
 ///
 /// Leaves bench.md and bench.json in the folder of --out, a folder for each run on a data set, and
-/// growth.svg with --growth; with --gauntlet gauntlet.md, gauntlet.json and gauntlet.html. Ctrl-C ends it with the table of the runs so far.
+/// growth.svg with --growth; with --gauntlet gauntlet.md, gauntlet.json and gauntlet.html; with --localization
+/// localization.md and localization.json. Ctrl-C ends it with the table of the runs so far.
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// Data sets, or folders that hold some at any depth (CARMEN and encoder logs, bags, ECE276A folders).
@@ -82,6 +88,10 @@ pub(crate) struct Arguments {
     lidar: Lidar,
     #[command(flatten)]
     gauntlet: gauntlet::Options,
+    #[command(flatten)]
+    localization: localization::Options,
+    #[command(flatten)]
+    drives: drives::Options,
     /// Folder of the results.
     #[arg(long, value_name = "DIR", default_value = "runs/bench")]
     out: PathBuf,
@@ -186,10 +196,15 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     if let Some(document) = &arguments.render {
         return book::render(document, terminal);
     }
-    if arguments.gauntlet.is_asked_for() {
+    if arguments.gauntlet.is_asked_for() || arguments.localization.is_asked_for() {
         let preset = arguments.preset.first().copied().unwrap_or_default().name();
-        let around = gauntlet::Surroundings { preset, set: &arguments.set, out: &arguments.out, terminal };
-        return gauntlet::execute(&arguments.gauntlet, &around);
+        let Arguments { set, out, drives, .. } = arguments;
+        let around = drives::Surroundings { preset, set, out, drives, terminal };
+        return if arguments.gauntlet.is_asked_for() {
+            gauntlet::execute(&arguments.gauntlet, &around)
+        } else {
+            localization::execute(&arguments.localization, &around)
+        };
     }
     // Whatever can be wrong is told before an hour of runs.
     Settings { set: arguments.set.clone(), ..Settings::default() }.resolve(None)?;
@@ -252,7 +267,8 @@ fn cases(arguments: &Arguments) -> anyhow::Result<Vec<Case>> {
     cases.extend(distinct(&arguments.world).into_iter().map(Case::World));
     cases.extend(distinct(&arguments.growth).into_iter().map(|length_km| Case::Office { length_km }));
     if cases.is_empty() {
-        let advice = "name data sets or folders that hold some, --gauntlet N, --world NAME, or --growth KM,…";
+        let advice =
+            "name data sets or folders that hold some, --gauntlet N, --localization N, --world NAME, or --growth KM,…";
         return Err(BadArguments(format!("there is nothing to measure: {advice}")).into());
     }
     Ok(cases)

@@ -10,7 +10,7 @@ use floorprint::localization::Start;
 use floorprint::sensors::RobotConfig;
 use floorprint_io::ros::{Decision, MessageStream, pose_of};
 use floorprint_live::ros2::{Incoming, Listener, Node, Options};
-use floorprint_live::{Board, Inbox};
+use floorprint_live::{Board, FrameNames, Inbox};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -139,10 +139,16 @@ impl RosSource {
         &self.decision.robot
     }
 
-    /// Begins to publish.
-    pub(super) fn announce(&mut self, board: &Arc<Board>) -> anyhow::Result<()> {
-        let base = if self.decision.base.is_empty() { "base_link" } else { &self.decision.base };
-        Ok(self.node.announce(board, base)?)
+    /// What frames are called in the network, else as usual.
+    pub(super) fn frames(&self, usual: FrameNames) -> FrameNames {
+        let Options { map_frame, odom_frame, .. } = self.node.options().clone();
+        let base = if self.decision.base.is_empty() { usual.base } else { self.decision.base.clone() };
+        FrameNames { map: map_frame, odom: odom_frame, base, lidars: usual.lidars }
+    }
+
+    /// Begins to publish; the robot's body is called `base_frame`.
+    pub(super) fn announce(&mut self, board: &Arc<Board>, base_frame: &str) -> anyhow::Result<()> {
+        Ok(self.node.announce(board, base_frame)?)
     }
 
     /// Puts what comes into the inbox until the session is to end.

@@ -11,7 +11,7 @@ use floorprint::odometry::OdometryCorrections;
 use floorprint::sensors::RobotConfig;
 use floorprint::{Config, SensorId};
 use floorprint_io::{DataSet, open};
-use floorprint_live::{Board, Inbox, JsonLines, play};
+use floorprint_live::{Board, FrameNames, Inbox, JsonLines, play};
 use std::borrow::Cow;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::sync::Arc;
@@ -78,13 +78,23 @@ impl Source {
         }
     }
 
+    /// What frames are called.
+    pub(super) fn frames(&self, config: &Config) -> FrameNames {
+        let usual = FrameNames::of(&config.robot);
+        match self {
+            Self::Recording(_) | Self::StandardInput(_) => usual,
+            #[cfg(feature = "ros2")]
+            Self::Ros(source) => source.frames(usual),
+        }
+    }
+
     /// Begins to tell others of what is on the board, where the source is a network.
-    pub(super) fn announce(&mut self, board: &Arc<Board>) -> anyhow::Result<()> {
-        let _ = board;
+    pub(super) fn announce(&mut self, board: &Arc<Board>, frames: &FrameNames) -> anyhow::Result<()> {
+        let _ = (board, frames);
         match self {
             Self::Recording(_) | Self::StandardInput(_) => Ok(()),
             #[cfg(feature = "ros2")]
-            Self::Ros(source) => source.announce(board),
+            Self::Ros(source) => source.announce(board, &frames.base),
         }
     }
 

@@ -1,6 +1,7 @@
 //! `report.json` of a localization: where the robot was found and lost, how sure that was, how right and how quick.
 
 use super::Arguments;
+use super::update::Listed;
 use crate::report::Made;
 use crate::stopwatch::{ScanCost, ScanTimes, peak_memory_bytes};
 use crate::summary::counted;
@@ -39,6 +40,8 @@ pub(super) struct Inputs<'a> {
     pub(super) times: &'a [ScanTimes; 2],
     pub(super) refused: usize,
     pub(super) partial: bool,
+    /// What changed of the map, where that was asked for.
+    pub(super) changes: Option<Vec<Listed>>,
 }
 
 /// Everything about a localization. All but `cost` and `made` is the same for any number of threads.
@@ -84,6 +87,9 @@ pub(crate) struct Report {
     /// Errors of the claimed poses against the truth, where it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) errors: Option<Errors>,
+    /// What changed since the map was made; absent where it was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    changes: Option<Vec<Listed>>,
     /// Modes and health over time, thinned.
     over_time: Vec<Moment>,
     /// What the user should know.
@@ -198,7 +204,7 @@ fn places(step: &LocalizationReport) -> Vec<Place> {
 }
 
 impl Report {
-    pub(super) fn new(inputs: &Inputs<'_>) -> Self {
+    pub(super) fn new(inputs: Inputs<'_>) -> Self {
         let Inputs { arguments, data_set, config, steps, .. } = inputs;
         let start_s = steps.first().map_or(0.0, |first| first.stamp_s);
         let mut path_m = Vec::with_capacity(steps.len());
@@ -277,6 +283,7 @@ impl Report {
             events,
             ended,
             errors,
+            changes: inputs.changes,
             over_time: steps.iter().step_by(every).map(moment).collect(),
             notes,
             cost: Cost {

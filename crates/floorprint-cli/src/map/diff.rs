@@ -11,7 +11,7 @@ use floorprint::map::{Change, ChangedPatch, Occupancy, Raster, difference};
 use floorprint_io::{read_map, write_file, write_png};
 use serde_json::json;
 use std::fs;
-use std::io::Write as _;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `map diff`.
@@ -43,26 +43,18 @@ impl Arguments {
     pub(super) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Outcome> {
         let [before, after] = self.maps()?;
         let patches = difference(&before, &after, self.tolerance, self.least_area);
-        let document = geojson(&patches).to_string() + "\n";
+        let document = geojson(patches.iter().map(|patch| (patch, None))).to_string() + "\n";
         if let Some(folder) = &self.out {
             fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
             write_file(&folder.join("diff.geojson"), document.as_bytes())?;
-            write_png(&folder.join("diff.png"), &figure(&before, &patches).into_picture())?;
+            write_png(&folder.join("diff.png"), &figure(&before, patches.iter()).into_picture())?;
         }
         let mut out = terminal.results();
         if self.json {
             out.write_all(document.as_bytes())?;
             return Ok(Outcome::Fine);
         }
-        for change in [Change::New, Change::Gone] {
-            let of_kind = patches.iter().filter(|patch| patch.change == change);
-            let area_m2 = of_kind.clone().fold(0.0, |sum, patch| sum + patch.area_m2);
-            writeln!(out, "{:<5} {:>4} patches  {area_m2:>8.2} m²", word(change), of_kind.count())?;
-        }
-        for patch in &patches {
-            let [x, y] = middle(patch);
-            writeln!(out, "  {:<5} {:>8.2} m²  around ({x:.2}, {y:.2})", word(patch.change), patch.area_m2)?;
-        }
+        print(&mut out, patches.iter().map(|patch| (patch, None)))?;
         Ok(Outcome::Fine)
     }
 
@@ -93,7 +85,32 @@ fn is_session(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "gpkg")
 }
 
-fn word(change: Change) -> &'static str {
+/// First and last time at which a patch was seen, seconds.
+type Seen = Option<[f64; 2]>;
+
+/// Prints what changed: the areas, then patch by patch.
+///
+/// # Errors
+/// It cannot be written.
+pub(crate) fn print<'a>(
+    out: &mut impl Write,
+    patches: impl Iterator<Item = (&'a ChangedPatch, Seen)> + Clone,
+) -> io::Result<()> {
+    for change in [Change::New, Change::Gone] {
+        let of_kind = patches.clone().filter(|(patch, _)| patch.change == change);
+        let area_m2 = of_kind.clone().fold(0.0, |sum, (patch, _)| sum + patch.area_m2);
+        writeln!(out, "{:<5} {:>4} patches  {area_m2:>8.2} m²", word(change), of_kind.count())?;
+    }
+    for (patch, seen) in patches {
+        let [x, y] = middle(patch);
+        let seen = seen.map_or(String::new(), |[first_s, last_s]| format!(", seen from {first_s:.1} to {last_s:.1} s"));
+        writeln!(out, "  {:<5} {:>8.2} m²  around ({x:.2}, {y:.2}){seen}", word(patch.change), patch.area_m2)?;
+    }
+    Ok(())
+}
+
+/// A change in a word.
+pub(crate) fn word(change: Change) -> &'static str {
     match change {
         Change::New => "new",
         Change::Gone => "gone",
@@ -108,16 +125,20 @@ fn middle(patch: &ChangedPatch) -> [f64; 2] {
     })
 }
 
-/// The patches as a feature collection; coordinates are metres in the map's frame. Each outline that runs
-/// counter-clockwise begins a polygon, those of holes follow the polygon that they lie in.
-fn geojson(patches: &[ChangedPatch]) -> serde_json::Value {
+/// The patches, with the times at which they were seen where these are known, as a feature collection; coordinates are
+/// metres in the map's frame. Each outline that runs counter-clockwise begins a polygon, those of holes follow the polygon
+/// that they lie in.
+pub(crate) fn geojson<'a>(patches: impl Iterator<Item = (&'a ChangedPatch, Seen)>) -> serde_json::Value {
     let features: Vec<_> = patches
-        .iter()
-        .map(|patch| {
+        .map(|(patch, seen)| {
             let polygons: Vec<_> = polygons(&patch.outlines_m);
+            let mut properties = json!({ "change": word(patch.change), "area_m2": patch.area_m2 });
+            if let Some([first_s, last_s]) = seen {
+                (properties["first_seen_s"], properties["last_seen_s"]) = (first_s.into(), last_s.into());
+            }
             json!({
                 "type": "Feature",
-                "properties": { "change": word(patch.change), "area_m2": patch.area_m2 },
+                "properties": properties,
                 "geometry": { "type": "MultiPolygon", "coordinates": polygons },
             })
         })
@@ -149,7 +170,7 @@ fn polygons(outlines: &[Vec<[f64; 2]>]) -> Vec<Vec<Vec<[f64; 2]>>> {
 }
 
 /// The earlier map with what is new in green and what is gone in red.
-fn figure(before: &Raster<Occupancy>, patches: &[ChangedPatch]) -> Figure {
+pub(crate) fn figure<'a>(before: &Raster<Occupancy>, patches: impl Iterator<Item = &'a ChangedPatch>) -> Figure {
     let mut figure = Figure::of_map(before);
     for patch in patches {
         let color = if patch.change == Change::New { NEW } else { GONE };

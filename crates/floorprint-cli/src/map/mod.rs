@@ -1,6 +1,6 @@
 //! `floorprint map`: what to do with the sessions of drives.
 
-mod diff;
+pub(crate) mod diff;
 mod edit;
 mod export;
 mod info;

@@ -431,10 +431,12 @@ fn notes(report: &Report) -> String {
 fn files(report: &Report, exhibits: &Exhibits<'_>) -> String {
     let mut files = vec![
         ("trajectory.tum", "poses"),
+        ("live.tum", "poses as they were known at the time"),
         ("odometry.tum", "dead reckoning"),
         ("map.yaml", "map for ROS"),
         ("map.png", "map"),
         ("trajectories.png", "map with trajectories"),
+        ("trajectories.svg", "the same, without loss"),
         ("report.json", "all figures"),
         ("config.toml", "configuration"),
     ];
@@ -524,7 +526,7 @@ impl View {
     }
 
     /// Left, top, width and height, y downwards, metres.
-    fn view_box(&self) -> String {
+    pub(crate) fn view_box(&self) -> String {
         let [width, height] = [self.high_m[0] - self.low_m[0], self.high_m[1] - self.low_m[1]];
         format!("{:.3} {:.3} {width:.3} {height:.3}", self.low_m[0], -self.high_m[1])
     }

@@ -1,6 +1,6 @@
 """A robot that speaks ROS 2 by Cyclone DDS: publishes a drive, receives what Floorprint makes of it, and prints that.
 
-Arguments: how many times as fast as it was, and how many seconds to wait at the end.
+Arguments: how many times as fast as it was, how many seconds to wait at the end, and the topic of poses.
 The drive comes as lines of JSON on standard input.
 """
 import json
@@ -136,6 +136,18 @@ class OccupancyGridUpdate(IdlStruct, typename="map_msgs::msg::dds_::OccupancyGri
     data: sequence[int8]
 
 
+@dataclass
+class Particle(IdlStruct, typename="nav2_msgs::msg::dds_::Particle_"):
+    pose: Pose
+    weight: float64
+
+
+@dataclass
+class ParticleCloud(IdlStruct, typename="nav2_msgs::msg::dds_::ParticleCloud_"):
+    header: Header
+    particles: sequence[Particle]
+
+
 SENSOR = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(5))
 RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(1000))
 LATCHED = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
@@ -153,7 +165,7 @@ def seconds(message):
 
 
 def main():
-    rate, wait_s = float(sys.argv[1]), float(sys.argv[2])
+    rate, wait_s, pose_topic = float(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
     drive = [json.loads(line) for line in sys.stdin]
     robot = DomainParticipant(0)
     topic = lambda name, kind: Topic(robot, "rt/" + name, kind)
@@ -161,7 +173,8 @@ def main():
     odometry = DataWriter(robot, topic("odom", Odometry), qos=SENSOR)
     static = DataWriter(robot, topic("tf_static", TFMessage), qos=LATCHED)
     transforms = DataReader(robot, topic("tf", TFMessage), qos=RELIABLE)
-    poses = DataReader(robot, topic("pose", PoseWithCovarianceStamped), qos=RELIABLE)
+    poses = DataReader(robot, topic(pose_topic, PoseWithCovarianceStamped), qos=RELIABLE)
+    clouds = DataReader(robot, topic("particle_cloud", ParticleCloud), qos=SENSOR)
     maps = DataReader(robot, topic("map", OccupancyGrid), qos=LATCHED)
     updates = DataReader(robot, topic("map_updates", OccupancyGridUpdate), qos=RELIABLE)
     static.write(TFMessage([TransformStamped(header(0.0, "base_link"), "laser", Vector3(0.1, 0.0, 0.2), STRAIGHT)]))
@@ -170,7 +183,7 @@ def main():
         time.sleep(0.05)
     time.sleep(0.5)
 
-    found = {"poses": 0, "transforms": 0, "updates": 0, "maps": 0, "latency_ms": []}
+    found = {"poses": 0, "transforms": 0, "updates": 0, "maps": 0, "clouds": 0, "latency_ms": []}
     sent_at = {}
 
     def receive():
@@ -188,6 +201,10 @@ def main():
             # What came first had to wait until it was clear who plays which role.
             if stamp in sent_at and now - sent_at[stamp] < 0.5:
                 found["latency_ms"].append(1000 * (now - sent_at[stamp]))
+        for message in clouds.take(100):
+            found["clouds"] += 1
+            particles = [[particle.pose.position.x, particle.weight] for particle in message.particles]
+            found["particles"] = [seconds(message), particles]
         for message in maps.take(10):
             found["maps"] += 1
             cells = list(message.data)

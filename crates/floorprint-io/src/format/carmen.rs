@@ -261,6 +261,7 @@ impl Log {
             input_hash: file.hash(),
             bag: None,
             live: None,
+            unpacked: None,
         })
     }
 

@@ -8,7 +8,7 @@
 //! or to the folder above. Case does not matter, and neither do numbers where there is but one drive.
 
 use super::Format;
-use crate::data_set::{DataSet, DropCounts, DropReason, OpenOptions};
+use crate::data_set::{DataSet, DriveEntry, DropCounts, DropReason, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::images::{ImageEntry, ImageIndex};
 use crate::npz::{Npz, problem};
@@ -78,6 +78,15 @@ impl Part {
         }
     }
 
+    fn name(self) -> &'static str {
+        match self {
+            Self::Encoders => "encoders",
+            Self::Hokuyo => "Hokuyo",
+            Self::Imu => "IMU",
+            Self::Kinect => "Kinect",
+        }
+    }
+
     /// What a drive without this part cannot give.
     fn loss(self, present: &BTreeMap<Self, PathBuf>) -> &'static str {
         match self {
@@ -104,6 +113,21 @@ fn drives(folder: &Path, names: &BTreeSet<String>) -> BTreeMap<u32, BTreeMap<Par
         }
     }
     drives
+}
+
+/// The drives in a folder, with what there is of each.
+pub(super) fn drive_entries(folder: &FolderSource) -> Vec<DriveEntry> {
+    let places = places(folder);
+    let path = |place: &Place| if places.len() == 1 { folder.path.clone() } else { place.folder.clone() };
+    let entry = |place: &Place, drive: u32, parts: &BTreeMap<Part, PathBuf>| {
+        let names: Vec<&str> = parts.keys().map(|part| part.name()).collect();
+        let drive = (place.drives.len() > 1).then_some(drive);
+        DriveEntry { path: path(place), drive, holds: names.join(", ") }
+    };
+    let entries = |place: &Place| -> Vec<DriveEntry> {
+        place.drives.iter().map(|(&drive, parts)| entry(place, drive, parts)).collect()
+    };
+    places.iter().flat_map(entries).collect()
 }
 
 fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
@@ -190,6 +214,7 @@ impl Drive {
             input_hash: self.hash.finish(),
             bag: None,
             live: None,
+            unpacked: None,
         })
     }
 
@@ -273,10 +298,11 @@ impl Drive {
         let disparity_stamps_s = npz.vector("disparity_time_stamps")?;
         let color_stamps_s = npz.vector("rgb_time_stamps")?;
         let index = ImageIndex {
-            disparity: self.find_images(folder, "Disparity", drive, &disparity_stamps_s)?,
+            depth: self.find_images(folder, "Disparity", drive, &disparity_stamps_s)?,
             color: self.find_images(folder, "RGB", drive, &color_stamps_s)?,
+            recorded: None,
         };
-        if index.disparity.is_empty() || index.color.is_empty() {
+        if index.depth.is_empty() || index.color.is_empty() {
             self.notes.push("no images of the Kinect beside its stamps: the floor cannot be painted".to_owned());
             return Ok(None);
         }
@@ -300,11 +326,11 @@ impl Drive {
             match listings.iter().find_map(|(place, names)| Some(place.join(names.get(&name)?))) {
                 None => self.dropped.add(DropReason::MissingImage),
                 Some(_) if !keep => self.dropped.add(DropReason::StampJump),
-                Some(path) => entries.push(ImageEntry { stamp_s, path, max_expansion: self.max_expansion }),
+                Some(path) => {
+                    self.hash.add_size(&path).map_err(|error| ReadError::io(&path, &error))?;
+                    entries.push(ImageEntry::in_file(stamp_s, path, self.max_expansion));
+                }
             }
-        }
-        for entry in &entries {
-            self.hash.add_size(&entry.path).map_err(|error| ReadError::io(&entry.path, &error))?;
         }
         Ok(entries)
     }
@@ -445,8 +471,8 @@ mod tests {
             assert_eq!(scans[0].geometry.angles_rad, [-1.0, -0.5]);
             assert!(matches!(drive.records[0], Record::Encoders(_)) && matches!(drive.records[1], Record::Scan(_)));
             let images = drive.images.unwrap();
-            assert_eq!((images.disparity[0].stamp_s, images.color[0].stamp_s), (2.0, 1.5));
-            assert!(images.disparity[0].load_disparity().is_err() && images.color[0].load_color().is_err());
+            assert_eq!((images.depth[0].stamp_s, images.color[0].stamp_s), (2.0, 1.5));
+            assert!(images.depth[0].load_depth().is_err() && images.color[0].load_color().is_err());
             assert_eq!(drive.dropped.count(DropReason::MissingImage), 1);
             assert_eq!(drive.notes, ["no IMU: yaw comes from the wheels"]);
         }
@@ -476,7 +502,7 @@ mod tests {
                 let drive = crate::open(&path, &OpenOptions::default()).unwrap();
                 assert_eq!(drive.scans().count(), 3);
                 let images = drive.images.expect(images);
-                assert_eq!((images.disparity.len(), images.color.len()), (1, 1), "{path:?}");
+                assert_eq!((images.depth.len(), images.color.len()), (1, 1), "{path:?}");
             }
             // Two such folders are not guessed between.
             fs::create_dir(at("other".to_owned())).unwrap();
@@ -564,7 +590,7 @@ mod tests {
         let pipe = folder.path().join("disparity7_1.png");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         let images = open(&folder).unwrap().images.unwrap();
-        let error = images.disparity[0].load_disparity().unwrap_err();
+        let error = images.depth[0].load_depth().unwrap_err();
         assert!(error.to_string().contains("a pipe or a device"), "{error}");
     }
 

@@ -139,6 +139,7 @@ fn data_set(file: &FileSource, readings: Vec<Reading>, mut dropped: DropCounts, 
         input_hash: file.hash(),
         bag: None,
         live: None,
+        unpacked: None,
     }
 }
 

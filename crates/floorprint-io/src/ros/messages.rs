@@ -35,6 +35,13 @@ pub fn seconds_and_nanoseconds(stamp_s: f64) -> (i32, u32) {
     if nanoseconds >= 1e9 { (seconds as i32 + 1, 0) } else { (seconds as i32, nanoseconds as u32) }
 }
 
+/// A stamp in seconds as nanoseconds, as files and viewers have times; 0 of what lies before 1970.
+#[must_use]
+pub fn nanoseconds(stamp_s: f64) -> u64 {
+    let (seconds, nanoseconds) = seconds_and_nanoseconds(stamp_s);
+    u64::try_from(i64::from(seconds) * 1_000_000_000 + i64::from(nanoseconds)).unwrap_or(0)
+}
+
 impl CdrWriter {
     fn header(&mut self, header: &Header<'_>) {
         let (seconds, nanoseconds) = seconds_and_nanoseconds(header.stamp_s);
@@ -241,6 +248,31 @@ impl Message for PoseWithCovariance<'_> {
         cdr.header(&self.header);
         cdr.pose(&(&self.pose).into());
         cdr.f64s(&covariance_6x6(&self.covariance));
+        cdr.into_bytes()
+    }
+}
+
+/// `nav2_msgs/ParticleCloud`: poses with their weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParticleCloud<'a> {
+    /// Stamp and the frame in which the poses are.
+    pub header: Header<'a>,
+    /// Poses and weights.
+    pub particles: &'a [(Pose2, f64)],
+}
+
+impl Message for ParticleCloud<'_> {
+    const TYPE: &'static str = "nav2_msgs/msg/ParticleCloud";
+    const SCHEMA: &'static str = schemas::PARTICLE_CLOUD;
+
+    fn to_cdr(&self) -> Vec<u8> {
+        let mut cdr = CdrWriter::new();
+        cdr.header(&self.header);
+        cdr.count(self.particles.len());
+        for (pose, weight) in self.particles {
+            cdr.pose(&pose.into());
+            cdr.f64(*weight);
+        }
         cdr.into_bytes()
     }
 }

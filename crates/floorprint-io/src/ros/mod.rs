@@ -2,14 +2,13 @@
 
 mod cdr_writer;
 pub(crate) mod live_messages;
-mod mcap_writer;
 mod messages;
 mod recorder;
 mod schemas;
 
 pub use crate::format::{Decision, MessageStream, pose_of};
 pub use messages::{
-    Diagnostics, Header, Imu, LaserScan, Message, OccupancyGrid, OccupancyGridUpdate, Odometry, PoseWithCovariance,
-    SpacePose, Text, Transform, Transforms, seconds_and_nanoseconds,
+    Diagnostics, Header, Imu, LaserScan, Message, OccupancyGrid, OccupancyGridUpdate, Odometry, ParticleCloud,
+    PoseWithCovariance, SpacePose, Text, Transform, Transforms, nanoseconds, seconds_and_nanoseconds,
 };
-pub use recorder::{LiveSession, Recorder};
+pub use recorder::{LiveSession, Recorder, lidar_frame};

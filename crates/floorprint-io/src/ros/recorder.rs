@@ -1,11 +1,10 @@
 //! Records what a live session receives, as an MCAP file with messages of ROS 2.
 
 use super::live_messages::{ExactGeometry, ExactRecord, GEOMETRY_TOPIC, RECORD_TOPIC, RecordKind, SESSION_TOPIC};
-use super::mcap_writer::McapWriter;
-use super::messages::{
-    Header, Imu, LaserScan, Message, Odometry, Text, Transform, Transforms, seconds_and_nanoseconds,
-};
+use super::messages::{Header, Imu, LaserScan, Message, Odometry, Text, Transform, Transforms, nanoseconds};
 use crate::error::{Problem, WriteError};
+use crate::foxglove::Schema;
+use crate::mcap_writer::{McapWriter, Purpose};
 use crate::replace::sync_folder;
 use floorprint::odometry::OdometryCorrections;
 use floorprint::sensors::{LidarConfig, Record, RobotConfig, Scan, ScanGeometry};
@@ -70,7 +69,7 @@ impl Recorder {
         let text = toml::to_string(session).map_err(|error| refused(io::Error::other(error)))?;
         Ok(Self {
             path: path.to_path_buf(),
-            writer: McapWriter::new(file).map_err(refused)?,
+            writer: McapWriter::new(file, Purpose::Ros2).map_err(refused)?,
             active: active.clone(),
             channels: BTreeMap::new(),
             beginning: Some((text, mounts(&session.robot))),
@@ -86,9 +85,7 @@ impl Recorder {
     /// When it cannot be written; what was written before can still be read.
     pub fn write(&mut self, record: &Record) -> Result<(), WriteError> {
         let write = |recorder: &mut Self| {
-            let (seconds, nanoseconds) = seconds_and_nanoseconds(record.stamp_s());
-            let stamp_ns = u64::try_from(i64::from(seconds) * 1_000_000_000 + i64::from(nanoseconds)).unwrap_or(0);
-            recorder.latest_ns = recorder.latest_ns.max(stamp_ns);
+            recorder.latest_ns = recorder.latest_ns.max(nanoseconds(record.stamp_s()));
             recorder.begin()?;
             match record {
                 Record::Scan(scan) => recorder.scan(scan)?,
@@ -181,7 +178,7 @@ impl Recorder {
         let channel = match self.channels.get(topic) {
             Some(&channel) => channel,
             None => {
-                let channel = self.writer.add_channel(topic, M::TYPE, M::SCHEMA, is_latched);
+                let channel = self.writer.add_channel(topic, &Schema::of_ros::<M>(), is_latched);
                 self.channels.insert(topic.to_owned(), channel);
                 channel
             }
@@ -197,12 +194,16 @@ fn active_path(path: &Path) -> PathBuf {
     name.into()
 }
 
+/// What the frame of a LiDAR is called: `laser`, `laser_1` and so on.
+#[must_use]
+pub fn lidar_frame(sensor: usize) -> String {
+    if sensor == 0 { "laser".to_owned() } else { format!("laser_{sensor}") }
+}
+
 /// Topic and frame of a LiDAR.
 fn lidar_names(sensor: usize) -> (String, String) {
-    match sensor {
-        0 => ("/scan".to_owned(), "laser".to_owned()),
-        further => (format!("/scan_{further}"), format!("laser_{further}")),
-    }
+    let topic = if sensor == 0 { "/scan".to_owned() } else { format!("/scan_{sensor}") };
+    (topic, lidar_frame(sensor))
 }
 
 /// Where the LiDARs sit.

@@ -79,6 +79,12 @@ macro_rules! map_meta_data {
     };
 }
 
+macro_rules! particle {
+    () => {
+        "geometry_msgs/Pose pose\nfloat64 weight\n"
+    };
+}
+
 macro_rules! key_value {
     () => {
         "string key\nstring value\n"
@@ -138,6 +144,17 @@ pub(super) const POSE_WITH_COVARIANCE: &str = with!(
     "std_msgs/Header": header,
     "builtin_interfaces/Time": time,
     "geometry_msgs/PoseWithCovariance": pose_with_covariance,
+    "geometry_msgs/Pose": pose,
+    "geometry_msgs/Point": point,
+    "geometry_msgs/Quaternion": quaternion,
+);
+
+/// `nav2_msgs/ParticleCloud`.
+pub(super) const PARTICLE_CLOUD: &str = with!(
+    "std_msgs/Header header\nnav2_msgs/Particle[] particles\n",
+    "std_msgs/Header": header,
+    "builtin_interfaces/Time": time,
+    "nav2_msgs/Particle": particle,
     "geometry_msgs/Pose": pose,
     "geometry_msgs/Point": point,
     "geometry_msgs/Quaternion": quaternion,

@@ -8,6 +8,7 @@ mod geopackage;
 mod layers;
 
 use crate::error::{Problem, ReadError, WriteError};
+use crate::replace::{hidden, sibling, sync_folder};
 use floorprint::CompactScan;
 use floorprint::geometry::Pose2;
 use floorprint::scan_matcher::MatcherConfig;
@@ -42,24 +43,36 @@ pub struct SessionFile {
     /// How many key scans it holds, and from which frame on poses may still change.
     scans: usize,
     settled: usize,
+    /// Where it lies until something is saved.
+    unborn: Option<Unborn>,
+}
+
+/// A file in which nothing is saved yet: hidden, and removed when it comes to nothing.
+#[derive(Debug)]
+struct Unborn(PathBuf);
+
+impl Drop for Unborn {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.0);
+    }
 }
 
 impl SessionFile {
-    /// Makes the file.
+    /// Makes the file. It stands at `path` once something was saved, so that whenever the process ends there is a session
+    /// or nothing.
     ///
     /// # Errors
     /// When there is a file already, or it cannot be written.
     pub fn create(path: &Path) -> Result<Self, WriteError> {
-        if fs::symlink_metadata(path).is_ok() {
-            let problem = Problem::new(path, "a file stands there").advice("Choose another name, or remove it");
-            return Err(problem.into());
-        }
+        refuse_taken(path)?;
+        let unborn = Unborn(hidden(path, "new"));
+        // What a process that was killed at this very moment left.
+        let _ = fs::remove_file(&unborn.0);
         let make = || -> rusqlite::Result<Connection> {
-            let connection = Connection::open(path)?;
+            let connection = Connection::open(&unborn.0)?;
+            // If it is cut off it is thrown away: no journal needs to outlive the process.
+            connection.pragma_update(None, "journal_mode", "MEMORY")?;
             geopackage::initialise(&connection)?;
-            // A killed process loses nothing that was saved; the file is consistent even after a loss of power.
-            connection.pragma_update(None, "journal_mode", "WAL")?;
-            connection.pragma_update(None, "synchronous", "NORMAL")?;
             connection.execute_batch(TABLES)?;
             connection.execute(
                 "INSERT INTO floorprint_meta VALUES ('format', ?1), ('program', ?2)",
@@ -67,11 +80,49 @@ impl SessionFile {
             )?;
             Ok(connection)
         };
-        let connection = make().map_err(|error| {
-            let _ = fs::remove_file(path);
-            write_error(path, &error)
-        })?;
-        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0 })
+        let connection = make().map_err(|error| write_error(path, &error))?;
+        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0, unborn: Some(unborn) })
+    }
+
+    /// Puts the file where it is to be, now that it holds something.
+    fn bring_forth(&mut self) -> Result<(), WriteError> {
+        let Some(unborn) = self.unborn.take() else { return Ok(()) };
+        let path = &self.path;
+        refuse_taken(path)?;
+        let refused = |error: rusqlite::Error| write_error(path, &error);
+        let nothing = Connection::open_in_memory().map_err(refused)?;
+        std::mem::replace(&mut self.connection, nothing).close().map_err(|(_, error)| refused(error))?;
+        let moved = fs::rename(&unborn.0, path);
+        moved
+            .and_then(|()| sync_folder(path.parent().unwrap_or(Path::new(""))))
+            .map_err(|error| WriteError::io(path, &error))?;
+        let open = || -> rusqlite::Result<Connection> {
+            let connection = Connection::open(path)?;
+            // A killed process loses nothing that was saved; the file is consistent even after a loss of power.
+            connection.pragma_update(None, "journal_mode", "WAL")?;
+            connection.pragma_update(None, "synchronous", "NORMAL")?;
+            Ok(connection)
+        };
+        self.connection = open().map_err(refused)?;
+        Ok(())
+    }
+
+    /// Writes a session as the file at `path`, which appears whole or not at all, in place of one that is there.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write(path: &Path, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
+        let unfinished = sibling(path, "unfinished");
+        let _ = fs::remove_file(&unfinished);
+        let written = Self::create(&unfinished).and_then(|mut file| {
+            file.save(session, matcher)?;
+            file.move_to(path)
+        });
+        if written.is_err() {
+            // The failure that is reported is the first one; the leftover may not even exist.
+            let _ = fs::remove_file(&unfinished);
+        }
+        written
     }
 
     /// Opens the file of an earlier drive.
@@ -112,7 +163,7 @@ impl SessionFile {
             }
             _ => return Err(no_session(path)),
         }
-        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0 })
+        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0, unborn: None })
     }
 
     /// Where it is.
@@ -127,7 +178,8 @@ impl SessionFile {
     /// When it cannot be written; the file is then as it was before.
     pub fn save(&mut self, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
         let path = self.path.clone();
-        self.append(session, matcher).map_err(|error| write_error(&path, &error))
+        self.append(session, matcher).map_err(|error| write_error(&path, &error))?;
+        self.bring_forth()
     }
 
     fn append(&mut self, session: &Session, matcher: &MatcherConfig) -> rusqlite::Result<()> {
@@ -269,14 +321,22 @@ impl SessionFile {
     /// # Errors
     /// When it cannot be written or moved; the session is then where it was.
     pub fn move_to(self, target: &Path) -> Result<(), WriteError> {
-        let Self { path, connection, .. } = self;
-        connection.pragma_update(None, "journal_mode", "DELETE").map_err(|error| write_error(&path, &error))?;
-        connection.close().map_err(|(_, error)| write_error(&path, &error))?;
-        fs::rename(&path, target).map_err(|error| WriteError::io(target, &error))
+        let Self { path, connection, unborn, .. } = self;
+        let path = unborn.as_ref().map_or(&path, |unborn| &unborn.0);
+        connection.pragma_update(None, "journal_mode", "DELETE").map_err(|error| write_error(path, &error))?;
+        connection.close().map_err(|(_, error)| write_error(path, &error))?;
+        fs::rename(path, target).map_err(|error| WriteError::io(target, &error))
     }
 }
 
 pub use layers::Layers;
+
+fn refuse_taken(path: &Path) -> Result<(), WriteError> {
+    if fs::symlink_metadata(path).is_err() {
+        return Ok(());
+    }
+    Err(Problem::new(path, "a file stands there").advice("Choose another name, or remove it").into())
+}
 
 fn pose_bytes(poses: &[StampedPose]) -> Vec<u8> {
     let numbers = poses.iter().flat_map(|stamped| {

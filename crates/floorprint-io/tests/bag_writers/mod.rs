@@ -63,6 +63,18 @@ impl Fields {
         }
     }
 
+    pub fn f64s(&mut self, values: &[f64]) {
+        self.u32(values.len() as u32);
+        for &value in values {
+            self.f64(value);
+        }
+    }
+
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        self.u32(bytes.len() as u32);
+        self.bytes.extend(bytes);
+    }
+
     pub fn header(&mut self, stamp_ns: u64, frame: &str) {
         if !self.is_cdr {
             self.u32(0);
@@ -141,6 +153,92 @@ pub fn transform(topic: &str, stamp_ns: u64, parent: &str, child: &str, place: [
         fields.header(stamp_ns, parent);
         fields.text(child);
         fields.pose(place, turn);
+    })
+}
+
+/// `sensor_msgs/JointState`: names with angles in radians.
+pub fn joints(topic: &str, stamp_ns: u64, angles: &[(&str, f64)]) -> Message {
+    message(topic, "sensor_msgs/JointState", stamp_ns + 1_000_000, |fields| {
+        fields.header(stamp_ns, "");
+        fields.u32(angles.len() as u32);
+        for (name, _) in angles {
+            fields.text(name);
+        }
+        fields.f64s(&angles.iter().map(|(_, angle_rad)| *angle_rad).collect::<Vec<_>>());
+        fields.f64s(&[]);
+        fields.f64s(&[]);
+    })
+}
+
+/// `parent → child` at a place in metres, with a turn as x, y, z, w.
+pub fn placed(topic: &str, stamp_ns: u64, parent: &str, child: &str, place: [f64; 3], turn: [f64; 4]) -> Message {
+    message(topic, "tf2_msgs/TFMessage", stamp_ns + 1_000_000, |fields| {
+        fields.u32(1);
+        fields.header(stamp_ns, parent);
+        fields.text(child);
+        for value in place.into_iter().chain(turn) {
+            fields.f64(value);
+        }
+    })
+}
+
+/// `sensor_msgs/Image` with rows that follow each other.
+pub fn image(
+    topic: &str,
+    stamp_ns: u64,
+    frame: &str,
+    [columns, rows]: [u32; 2],
+    encoding: &str,
+    data: &[u8],
+) -> Message {
+    message(topic, "sensor_msgs/Image", stamp_ns + 2_000_000, |fields| {
+        fields.header(stamp_ns, frame);
+        fields.u32(rows);
+        fields.u32(columns);
+        fields.text(encoding);
+        fields.u8(0);
+        fields.u32(data.len() as u32 / rows);
+        fields.bytes(data);
+    })
+}
+
+pub fn compressed_image(topic: &str, stamp_ns: u64, frame: &str, format: &str, data: &[u8]) -> Message {
+    message(topic, "sensor_msgs/CompressedImage", stamp_ns + 2_000_000, |fields| {
+        fields.header(stamp_ns, frame);
+        fields.text(format);
+        fields.bytes(data);
+    })
+}
+
+/// `sensor_msgs/CameraInfo` of a camera with these focal lengths and this principal point, both as it is and rectified.
+pub fn camera_info(
+    topic: &str,
+    stamp_ns: u64,
+    frame: &str,
+    [columns, rows]: [u32; 2],
+    [fx, fy, cx, cy]: [f64; 4],
+    distortion: &[f64],
+) -> Message {
+    message(topic, "sensor_msgs/CameraInfo", stamp_ns + 2_000_000, |fields| {
+        fields.header(stamp_ns, frame);
+        fields.u32(rows);
+        fields.u32(columns);
+        fields.text("plumb_bob");
+        fields.f64s(distortion);
+        for value in [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0] {
+            fields.f64(value);
+        }
+        for value in [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] {
+            fields.f64(value);
+        }
+        for value in [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0] {
+            fields.f64(value);
+        }
+        // No binning, no region of interest.
+        for _ in 0..6 {
+            fields.u32(0);
+        }
+        fields.u8(0);
     })
 }
 

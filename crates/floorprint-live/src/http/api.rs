@@ -1,8 +1,8 @@
 //! What can be asked for.
 
 use super::feed::Feed;
-use super::guard::{COOKIE_NAME, Guard};
 use crate::board::{Board, Mode};
+use crate::guard::{COOKIE_NAME, Guard};
 use crate::map_picture::{LEVELS, PICTURE_SIDE};
 use bytes::Bytes;
 use floorprint::geometry::Pose2;

@@ -1,31 +1,26 @@
-//! Takes connections: so many at most, and none that dawdles in the way of others.
+//! The server of the page: a thread that takes connections and has them answered.
 
 use super::api::{Api, EVENTS};
-use super::guard::{AccessError, Guard, Token};
 use crate::board::Board;
+use crate::connections::{Connections, Usage};
+use crate::guard::{AccessError, Guard, Token};
 use hyper::header::CONTENT_TYPE;
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
-use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::io;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
 use std::thread;
 use std::time::Duration;
 use thiserror::Error;
-use tokio::task::JoinHandle;
+use tokio::net::TcpStream;
 
-/// Connections at a time.
-const MOST_CONNECTIONS: usize = 64;
 /// A request's head comes within this.
 const HEAD_TIME: Duration = Duration::from_secs(5);
 /// And is no longer than this, bytes.
 const LONGEST_HEAD: usize = 16 << 10;
-/// After a connection could not be taken (too many files are open).
-const REST: Duration = Duration::from_millis(100);
 
 /// Why there is no page.
 #[derive(Debug, Error)]
@@ -56,20 +51,10 @@ impl Server {
     /// When nothing can listen there, or other machines could come in without a token.
     pub fn start(address: SocketAddr, token: Option<Token>, board: Arc<Board>) -> Result<Self, ServerError> {
         let guard = Guard::new(address.ip(), token)?;
-        let refused = |error| ServerError::Address { address, error };
-        let listener = TcpListener::bind(address).map_err(refused)?;
-        listener.set_nonblocking(true).map_err(refused)?;
-        let address = listener.local_addr().map_err(refused)?;
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(refused)?;
         let api = Arc::new(Api::new(board, guard));
-        let serve = move || {
-            runtime.block_on(async {
-                if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
-                    accept(&listener, &api).await;
-                }
-            });
-        };
-        thread::Builder::new().name("page".to_owned()).spawn(serve).map_err(refused)?;
+        let address = listen("page", address, async move |listener| {
+            Connections::default().accept(&listener, |stream, usage| serve(stream, usage, Arc::clone(&api))).await;
+        })?;
         Ok(Self { address })
     }
 
@@ -80,56 +65,45 @@ impl Server {
     }
 }
 
-/// A connection and what it is used for.
-struct Connection {
-    task: JoinHandle<()>,
-    usage: Arc<AtomicU8>,
-}
-
-/// Nothing was asked for yet.
-const SILENT: u8 = 0;
-/// Something was.
-const ASKING: u8 = 1;
-/// It is told what happens.
-const VIEWING: u8 = 2;
-
-async fn accept(listener: &tokio::net::TcpListener, api: &Arc<Api>) {
-    let mut connections: VecDeque<Connection> = VecDeque::new();
-    loop {
-        let Ok((stream, _)) = listener.accept().await else {
-            tokio::time::sleep(REST).await;
-            continue;
-        };
-        connections.retain(|connection| !connection.task.is_finished());
-        if connections.len() >= MOST_CONNECTIONS {
-            make_room(&mut connections);
-        }
-        let usage = Arc::new(AtomicU8::new(SILENT));
-        let (api, used) = (Arc::clone(api), Arc::clone(&usage));
-        let service = service_fn(move |request| {
-            let (api, used) = (Arc::clone(&api), Arc::clone(&used));
-            async move {
-                used.store(ASKING, Ordering::Relaxed);
-                let answer = api.answer(request).await;
-                if answer.headers().get(CONTENT_TYPE).is_some_and(|kind| kind == EVENTS) {
-                    used.store(VIEWING, Ordering::Relaxed);
-                }
-                Ok::<_, Infallible>(answer)
+/// Listens at an address and serves on a thread of its own, which lives as long as the process; gives where it listens.
+pub(crate) fn listen<F>(
+    thread_name: &str,
+    address: SocketAddr,
+    serve: impl FnOnce(tokio::net::TcpListener) -> F + Send + 'static,
+) -> Result<SocketAddr, ServerError>
+where
+    F: Future<Output = ()>,
+{
+    let refused = |error| ServerError::Address { address, error };
+    let listener = TcpListener::bind(address).map_err(refused)?;
+    listener.set_nonblocking(true).map_err(refused)?;
+    let bound = listener.local_addr().map_err(refused)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(refused)?;
+    let serve = move || {
+        runtime.block_on(async {
+            if let Ok(listener) = tokio::net::TcpListener::from_std(listener) {
+                serve(listener).await;
             }
         });
-        let mut http = http1::Builder::new();
-        http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(LONGEST_HEAD);
-        // A viewer that is gone is no failure.
-        let task = tokio::spawn(async move { _ = http.serve_connection(TokioIo::new(stream), service).await });
-        connections.push_back(Connection { task, usage });
-    }
+    };
+    thread::Builder::new().name(thread_name.to_owned()).spawn(serve).map_err(refused)?;
+    Ok(bound)
 }
 
-/// Ends the oldest connection that asks for nothing, or else that is told nothing: of viewers there are fewer than
-/// connections, and a browser that asks again is let in again.
-fn make_room(connections: &mut VecDeque<Connection>) {
-    let oldest = |usage| connections.iter().position(|connection| connection.usage.load(Ordering::Relaxed) == usage);
-    if let Some(ended) = oldest(SILENT).or(oldest(ASKING)).and_then(|at| connections.remove(at)) {
-        ended.task.abort();
-    }
+async fn serve(stream: TcpStream, usage: Usage, api: Arc<Api>) {
+    let service = service_fn(move |request| {
+        let (api, usage) = (Arc::clone(&api), usage.clone());
+        async move {
+            usage.asks();
+            let answer = api.answer(request).await;
+            if answer.headers().get(CONTENT_TYPE).is_some_and(|kind| kind == EVENTS) {
+                usage.views();
+            }
+            Ok::<_, Infallible>(answer)
+        }
+    });
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEAD_TIME).max_buf_size(LONGEST_HEAD);
+    // A viewer that is gone is no failure.
+    _ = http.serve_connection(TokioIo::new(stream), service).await;
 }

@@ -1,14 +1,16 @@
 //! What the node publishes: transforms and poses with each scan, the map as it grows, and how it goes.
 
-use super::node::{Node, NodeError, latched, reliable};
+use super::node::{Node, NodeError, latched, of_sensors, reliable};
 use super::options::Options;
 use super::raw_message::RawMessage;
 use crate::board::{Board, Mode, Picture, Situation};
+use crate::health::{self, Health};
 use crate::map_picture::{MapPicture, PICTURE_SIDE};
 use floorprint::geometry::Pose2;
 use floorprint::map::Occupancy;
 use floorprint_io::ros::{
-    Diagnostics, Header, Message, OccupancyGrid, OccupancyGridUpdate, PoseWithCovariance, Transform, Transforms,
+    Diagnostics, Header, Message, OccupancyGrid, OccupancyGridUpdate, ParticleCloud, PoseWithCovariance, Transform,
+    Transforms,
 };
 use futures::executor::block_on;
 use futures::future::{Either, select};
@@ -18,8 +20,6 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How it goes is told this often.
-const DIAGNOSTICS_EVERY: Duration = Duration::from_secs(1);
 /// Transforms are published no more often than this (`transform_publish_period` of slam_toolbox).
 const TRANSFORM_PERIOD: Duration = Duration::from_millis(20);
 
@@ -32,6 +32,8 @@ pub(super) struct Announcer {
     updates: Publisher<RawMessage>,
     transforms: Publisher<RawMessage>,
     pose: Publisher<RawMessage>,
+    /// What a localizer considers; nothing where a map is made.
+    particles: Option<Publisher<RawMessage>>,
     diagnostics: Publisher<RawMessage>,
     /// What of the map was published, and when all of it.
     published: Option<(Layout, Instant)>,
@@ -40,8 +42,7 @@ pub(super) struct Announcer {
     stamp_s: f64,
     transformed: Option<Instant>,
     diagnosed: Instant,
-    /// Scans lost before that.
-    lost: usize,
+    health: Health,
 }
 
 /// Where the published map lies.
@@ -67,6 +68,10 @@ impl Announcer {
             updates: node.publisher::<OccupancyGridUpdate<'_>>(&format!("{map}_updates"), &reliable(100))?,
             transforms: node.publisher::<Transforms<'_>>("/tf", &reliable(100))?,
             pose: node.publisher::<PoseWithCovariance<'_>>(pose, &latched(1))?,
+            particles: match board.mode {
+                Mode::Localization => Some(node.publisher::<ParticleCloud<'_>>("particle_cloud", &of_sensors())?),
+                Mode::Mapping | Mode::Viewing => None,
+            },
             diagnostics: node.publisher::<Diagnostics<'_>>("/diagnostics", &reliable(10))?,
             options,
             published: None,
@@ -74,7 +79,7 @@ impl Announcer {
             stamp_s: f64::NEG_INFINITY,
             transformed: None,
             diagnosed: Instant::now(),
-            lost: 0,
+            health: Health::default(),
         };
         let announce = move || block_on(announcer.announce());
         let thread = thread::Builder::new().name("ros2-out".to_owned()).spawn(announce);
@@ -133,35 +138,15 @@ impl Announcer {
                 let header = Header { stamp_s: step.stamp_s, frame: &self.options.map_frame };
                 publish(&self.pose, &PoseWithCovariance { header, pose, covariance: step.covariance });
             }
+            if let Some(particles) = &self.particles {
+                let header = Header { stamp_s: step.stamp_s, frame: &self.options.map_frame };
+                publish(particles, &ParticleCloud { header, particles: &step.modes });
+            }
         }
-        if self.diagnosed.elapsed() >= DIAGNOSTICS_EVERY {
+        if self.diagnosed.elapsed() >= health::PERIOD {
             self.diagnosed = Instant::now();
-            self.diagnose(situation, now_s);
+            let _ = self.diagnostics.publish(RawMessage(self.health.tell(situation, step, now_s)));
         }
-    }
-
-    fn diagnose(&mut self, situation: &Situation, now_s: f64) {
-        let Some(step) = &situation.step else { return };
-        let counts = situation.counts;
-        let lost_lately =
-            counts.lost.scans - std::mem::replace(&mut self.lost, counts.lost.scans).min(counts.lost.scans);
-        let (level, message) = if step.is_lost {
-            (2, "lost")
-        } else if lost_lately > 0 {
-            (1, "scans are lost: the machine does not keep up")
-        } else {
-            (0, "fine")
-        };
-        let values = [
-            ("scans", counts.steps.to_string()),
-            ("scans lost", counts.lost.scans.to_string()),
-            ("readings lost", counts.lost.readings.to_string()),
-            ("scan on map", format!("{:.3}", step.inlier_share)),
-            ("standard deviation m", format!("{:.4}", step.covariance[0][0].sqrt())),
-            ("hypotheses", step.hypotheses.to_string()),
-        ];
-        let header = Header { stamp_s: now_s, frame: "" };
-        publish(&self.diagnostics, &Diagnostics { header, level, name: "floorprint: pose", message, values: &values });
     }
 
     /// Publishes the whole map where it has grown or it is time to, and else the patches that changed.

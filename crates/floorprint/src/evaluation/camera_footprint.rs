@@ -2,12 +2,8 @@
 
 use crate::geometry::Pose2;
 use crate::map::{Occupancy, Raster};
-use crate::sensors::CameraConfig;
+use crate::texture::RgbdCamera;
 use nalgebra::Vector3;
-
-/// Size of the Kinect's images, pixels.
-const COLUMNS: usize = 640;
-const ROWS: usize = 480;
 
 /// The cells of the true map on whose floor the camera had both a depth and a colour pixel.
 ///
@@ -16,8 +12,8 @@ const ROWS: usize = 480;
 /// (report eqs. 25–26) is inside the colour image, and no cell that is not free lies
 /// between it and the nearest floor that the same image column shows.
 #[must_use]
-pub fn camera_footprint(world_from_body: &[Pose2], camera: &CameraConfig, truth: &Raster<Occupancy>) -> Raster<bool> {
-    let columns: Vec<_> = (0..COLUMNS).map(|column| floor_along_column(camera, column)).collect();
+pub fn camera_footprint(world_from_body: &[Pose2], camera: &RgbdCamera, truth: &Raster<Occupancy>) -> Raster<bool> {
+    let columns: Vec<_> = (0..camera.depth.size_px[0]).map(|column| floor_along_column(camera, column)).collect();
     let mut seen = truth.map(|_, _| false);
     for pose in world_from_body {
         let (sin, cos) = pose.theta.sin_cos();
@@ -37,42 +33,40 @@ pub fn camera_footprint(world_from_body: &[Pose2], camera: &CameraConfig, truth:
 
 /// The points of the floor (body's frame, metres) that an image column sees with a
 /// valid depth and a colour, from the nearest, which is the lowest in the image, outwards.
-fn floor_along_column(camera: &CameraConfig, column: usize) -> Vec<[f64; 2]> {
-    let body_from_camera = camera.mount.body_from_sensor();
-    let column = column as f64;
-    (0..ROWS)
+fn floor_along_column(camera: &RgbdCamera, column: usize) -> Vec<[f64; 2]> {
+    let (depth, [nearest_m, farthest_m]) = (&camera.depth, camera.depth_limits_m);
+    let (linear, offset) = camera.color.pixel_from_body();
+    let [columns, rows] = camera.color.size_px.map(|pixels| (pixels - 1) as f64);
+    (0..depth.size_px[1])
         .rev()
         .filter_map(|row| {
-            let row = row as f64;
-            // The ray with unit depth in the mount's axes: x ahead, y left, z up.
+            // The ray with unit depth.
             let ray = Vector3::new(
+                (column as f64 - depth.center_px[0]) / depth.focal_px[0],
+                (row as f64 - depth.center_px[1]) / depth.focal_px[1],
                 1.0,
-                (camera.depth_center_column_px - column) / camera.depth_focal_px,
-                (camera.depth_center_row_px - row) / camera.depth_focal_px,
             );
-            let direction = body_from_camera.rotation * ray;
-            let depth_m = -body_from_camera.translation_m.z / direction.z;
-            let has_depth = direction.z < 0.0 && (camera.depth_min_m..=camera.depth_max_m).contains(&depth_m);
-            let point = body_from_camera.transform_point(ray * depth_m);
-            (has_depth && has_color(camera, column, row, depth_m)).then_some([point.x, point.y])
+            let direction = depth.body_from_optical.rotation * ray;
+            let depth_m = -depth.body_from_optical.translation_m.z / direction.z;
+            let has_depth = direction.z < 0.0 && (nearest_m..=farthest_m).contains(&depth_m);
+            let point = depth.body_from_optical.transform_point(ray * depth_m);
+            let pixel = linear * point + offset;
+            let has_color = pixel.z > 0.0
+                && (0.0..=columns).contains(&(pixel.x / pixel.z))
+                && (0.0..=rows).contains(&(pixel.y / pixel.z));
+            (has_depth && has_color).then_some([point.x, point.y])
         })
         .collect()
-}
-
-fn has_color(camera: &CameraConfig, column: f64, row: f64, depth_m: f64) -> bool {
-    let baseline = camera.color_baseline * camera.depth_numerator_m / depth_m;
-    let color_column = (camera.color_focal * column + baseline + camera.color_column_offset) / camera.color_divisor;
-    let color_row = (camera.color_focal * row + camera.color_row_offset) / camera.color_divisor;
-    (0.0..=(COLUMNS - 1) as f64).contains(&color_column) && (0.0..=(ROWS - 1) as f64).contains(&color_row)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::Mount;
+    use crate::sensors::CameraConfig;
 
-    fn camera() -> CameraConfig {
-        CameraConfig {
+    fn camera() -> RgbdCamera {
+        RgbdCamera::from(&CameraConfig {
             mount: Mount { x_m: 0.18, z_m: 0.487, pitch_rad: 0.36, ..Mount::default() },
             depth_focal_px: 585.051,
             depth_center_column_px: 315.838,
@@ -87,7 +81,7 @@ mod tests {
             color_divisor: 585.051,
             depth_min_m: 0.5,
             depth_max_m: 4.0,
-        }
+        })
     }
 
     /// 12 m × 12 m of free floor around the origin, but for a wall across x = 2 m.

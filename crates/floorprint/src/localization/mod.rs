@@ -9,6 +9,7 @@ mod history;
 mod hypothesis;
 mod localization_map;
 mod localizer;
+mod map_changes;
 mod report;
 mod sensing;
 #[cfg(test)]
@@ -17,4 +18,5 @@ mod tests;
 pub use config::LocalizationConfig;
 pub use localization_map::{LocalizationMap, MapSurface};
 pub use localizer::{Localizer, Start};
+pub use map_changes::{MapChange, MapChanges};
 pub use report::{Explained, LocalizationReport, Mode};

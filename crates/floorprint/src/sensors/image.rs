@@ -1,16 +1,17 @@
 //! Images of an RGB-D camera.
 
-/// A disparity image as the Kinect's driver stores it.
+/// A depth image as the camera stores it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DisparityImage {
+pub struct DepthImage {
     /// Time of the image, seconds.
     pub stamp_s: f64,
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Raw disparity units, row by row from the top left.
-    pub disparity: Vec<u16>,
+    /// Raw values, row by row from the top left: disparities of the course's Kinect, else depths in millimetres along
+    /// the optical axis with 0 where nothing was measured. The robot's calibration says which.
+    pub values: Vec<u16>,
 }
 
 /// A colour image.

@@ -1,5 +1,6 @@
 //! A robot's calibration: where its sensors sit and what their numbers mean.
 
+use super::DepthCameraConfig;
 use crate::geometry::Mount;
 use crate::ids::SensorId;
 use schemars::JsonSchema;
@@ -19,9 +20,12 @@ pub struct RobotConfig {
     /// The wheels; absent when the data hold no encoder counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wheels: Option<WheelConfig>,
-    /// The RGB-D camera; absent when there is none.
+    /// The Kinect of the course, whose depth images are disparities; absent when there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraConfig>,
+    /// Any other RGB-D camera; absent when there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_camera: Option<DepthCameraConfig>,
     /// What the numbers of gyro and odometry are multiplied by.
     pub scale: ScaleConfig,
     /// How late sensors' stamps are.

@@ -8,7 +8,7 @@ use super::drive::SimulatedDrive;
 use super::floor_raster::PIXEL_M;
 use super::walker::leg_range_m;
 use crate::random::{Stage, generator};
-use crate::sensors::{CameraConfig, ColorImage, DisparityImage};
+use crate::sensors::{CameraConfig, ColorImage, DepthImage};
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_distr::StandardNormal;
@@ -192,7 +192,7 @@ impl SimulatedDrive {
 
     /// The disparity image of a number, rendered on the spot; `None` without a camera or beyond the last.
     #[must_use]
-    pub fn disparity_image(&self, index: usize) -> Option<DisparityImage> {
+    pub fn disparity_image(&self, index: usize) -> Option<DepthImage> {
         let camera = self.config.robot.camera.as_ref()?;
         let time_s = *self.disparity_times_s.get(index)?;
         let eye = self.depth_eye.get_or_init(|| Eye::new(camera, depth_pinhole(camera)));
@@ -208,7 +208,12 @@ impl SimulatedDrive {
             ((exact + noise.at(index) + 0.5) as u16).min(NO_DISPARITY)
         });
         let disparity = disparity.collect();
-        Some(DisparityImage { stamp_s: self.config.start_stamp_s + time_s, width: WIDTH, height: HEIGHT, disparity })
+        Some(DepthImage {
+            stamp_s: self.config.start_stamp_s + time_s,
+            width: WIDTH,
+            height: HEIGHT,
+            values: disparity,
+        })
     }
 
     /// The colour image of a number, rendered on the spot; `None` without a camera or beyond the last.

@@ -243,7 +243,7 @@ fn a_floor_pixel_leads_back_to_the_floor_and_to_its_colour() {
     let (mut pixels, mut agree) = (0, 0);
     for row in (200..480).step_by(7) {
         for column in (100..540).step_by(11) {
-            let d = f64::from(disparity.disparity[row * 640 + column]);
+            let d = f64::from(disparity.values[row * 640 + column]);
             let dd = -0.00304 * d + 3.31;
             let depth_m = 1.03 / dd;
             let x = (column as f64 - camera.depth_center_column_px) / camera.depth_focal_px * depth_m;

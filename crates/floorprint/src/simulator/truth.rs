@@ -14,18 +14,21 @@ const BLOCK: usize = 256;
 impl SimulatedDrive {
     /// The true map, in the frame of the first scan's pose: walls, glass and furniture that face
     /// free space are occupied, what the route's start connects to (also by sight through glass)
-    /// is free, the rest is unknown. People are not part of it.
+    /// is free, the rest is unknown. People and doors are not part of it; furniture that can be moved stands where it
+    /// stood first.
     #[must_use]
     pub fn true_map(&self, resolution_m: f64) -> Raster<Occupancy> {
         let mut solid = self.empty_raster(resolution_m, false);
         let mut glass = self.empty_raster(resolution_m, false);
         let start_from_building = self.start.inverse();
-        for wall in self.world.walls() {
-            let cells = match wall.material {
+        let walls = self.world.walls().iter().map(|wall| ([wall.from_m, wall.to_m], wall.material));
+        let loose = self.world.loose.iter().flat_map(|loose| loose.walls_m(0.0, &[]));
+        for (ends, material) in walls.chain(loose.map(|ends| (ends, Material::Opaque))) {
+            let cells = match material {
                 Material::Opaque => &mut solid,
                 Material::Glass { .. } => &mut glass,
             };
-            let [from, to] = [wall.from_m, wall.to_m].map(|point| start_from_building.transform_point(point));
+            let [from, to] = ends.map(|point| start_from_building.transform_point(point));
             // Steps of a fifth of a cell miss no cell in which the wall has a noticeable part.
             let steps = (5.0 * (to[0] - from[0]).hypot(to[1] - from[1]) / resolution_m).ceil().max(1.0);
             for step in 0..=steps as usize {

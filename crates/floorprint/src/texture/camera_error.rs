@@ -2,8 +2,10 @@
 
 /// The camera's calibration cannot be that of a camera that sees the floor.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`robot.camera`: {found}, expected {expected}; correct the robot's calibration")]
+#[error("`robot.{section}`: {found}, expected {expected}; correct the robot's calibration")]
 pub struct CameraError {
+    /// The section of the configuration.
+    pub section: &'static str,
     /// What is wrong.
     pub found: String,
     /// What was expected.

@@ -1,4 +1,4 @@
-//! From a disparity and a colour image to the floor they show (report eqs. 23–29).
+//! From a depth and a colour image to the floor they show (report eqs. 23–29).
 //!
 //! The floor is a plane, so it relates the pixels of both cameras and the floor by
 //! homographies, at each camera's own time. The disparities decide which pixels show floor
@@ -8,24 +8,25 @@
 use super::camera::{RgbdCamera, plane_motion};
 use super::camera_error::CameraError;
 use super::config::TextureConfig;
+use super::distortion::{ideal_color, ideal_depth};
 use super::floor_patch::{FloorPatch, RowLayout};
 use super::floor_plane::{DisparityPlane, fit_floor};
 use crate::geometry::Pose2;
-use crate::sensors::{CameraConfig, ColorImage, DisparityImage};
+use crate::sensors::{ColorImage, DepthImage};
 use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A disparity and a colour image that belong together.
+/// A depth and a colour image that belong together.
 #[derive(Debug, Clone, Copy)]
 pub struct RgbdFrame<'a> {
-    /// The disparity image.
-    pub disparity: &'a DisparityImage,
+    /// The depth image.
+    pub depth: &'a DepthImage,
     /// The colour image.
     pub color: &'a ColorImage,
     /// How the body moved between the two stamps: the body at the colour image's time in the
-    /// frame of the body at the disparity image's time.
-    pub disparity_body_from_color_body: Pose2,
+    /// frame of the body at the depth image's time.
+    pub depth_body_from_color_body: Pose2,
 }
 
 /// Why a frame adds nothing to the floor.
@@ -36,7 +37,7 @@ pub enum SkipReason {
     BrokenImage,
     /// The motion between the two stamps is not known.
     UnknownMotion,
-    /// No disparity is a measurement within the limits of distance.
+    /// No depth is a measurement within the limits of distance.
     NoDepth,
     /// No floor is in view.
     NoFloor,
@@ -51,12 +52,12 @@ pub struct FloorMapper {
 }
 
 impl FloorMapper {
-    /// A mapper for a calibrated camera. `seed` keys the random samples of the plane fit.
+    /// A mapper for a calibrated camera: the Kinect of the course, or any other. `seed` keys the random samples of the plane fit.
     ///
     /// # Errors
     /// When the calibration cannot be that of a camera above the floor.
-    pub fn new(config: &TextureConfig, camera: &CameraConfig, seed: u64) -> Result<Self, CameraError> {
-        let camera = RgbdCamera::new(camera, config.distance_max_m);
+    pub fn new(config: &TextureConfig, camera: impl Into<RgbdCamera>, seed: u64) -> Result<Self, CameraError> {
+        let camera = camera.into().up_to(config.distance_max_m);
         camera.validate()?;
         Ok(Self { config: config.clone(), camera, seed })
     }
@@ -66,27 +67,28 @@ impl FloorMapper {
     /// # Errors
     /// The reason why it shows none.
     pub fn patch(&self, frame: &RgbdFrame<'_>) -> Result<FloorPatch, SkipReason> {
-        let RgbdFrame { disparity, color, disparity_body_from_color_body } = frame;
-        if !is_whole(disparity.width, disparity.height, disparity.disparity.len())
+        let RgbdFrame { depth, color, depth_body_from_color_body } = frame;
+        if !is_whole(depth.width, depth.height, depth.values.len())
             || !is_whole(color.width, color.height, color.rgb.len())
         {
             return Err(SkipReason::BrokenImage);
         }
-        if !disparity_body_from_color_body.is_finite() {
+        if !depth_body_from_color_body.is_finite() {
             return Err(SkipReason::UnknownMotion);
         }
-        let fit = fit_floor(disparity, &self.camera, &self.config, self.seed);
+        let (depth, color) = (&*ideal_depth(depth, &self.camera.depth), &*ideal_color(color, &self.camera.color));
+        let fit = fit_floor(depth, &self.camera, &self.config, self.seed);
         let tilt = fit.as_ref().and_then(|(plane, _)| plane.tilt(&self.camera));
         let camera = self.camera.tilted(&tilt.unwrap_or_default());
-        let blocks = DepthBlocks::classify(disparity, &camera, self.config.plane_tolerance_m);
+        let blocks = DepthBlocks::classify(depth, &camera, self.config.plane_tolerance_m);
         if !blocks.any_depth {
             return Err(SkipReason::NoDepth);
         }
         let floor_from_color = camera.color.pixel_from_floor().try_inverse().ok_or(SkipReason::NoFloor)?;
         let layout = self.layout(&camera, &floor_from_color, color).ok_or(SkipReason::NoFloor)?;
         let mut pixels = shrink(color, &layout);
-        let hidden = blocks.shadow(&camera, disparity_body_from_color_body, &layout);
-        let depth_from_floor = camera.depth.pixel_from_floor() * plane_motion(disparity_body_from_color_body);
+        let hidden = blocks.shadow(&camera, depth_body_from_color_body, &layout);
+        let depth_from_floor = camera.depth.pixel_from_floor() * plane_motion(depth_body_from_color_body);
         let bounds_m = self.mark_floor(&mut pixels, &layout, &floor_from_color, &depth_from_floor, &blocks, &hidden);
         if bounds_m[0][0] > bounds_m[1][0] {
             return Err(SkipReason::NoFloor);
@@ -122,7 +124,9 @@ impl FloorMapper {
                     continue;
                 }
                 let depth_pixel = depth_from_floor * floor;
-                if !blocks.shows_floor(depth_pixel.x / depth_pixel.z, depth_pixel.y / depth_pixel.z) {
+                if !blocks.shows_floor(depth_pixel.x / depth_pixel.z, depth_pixel.y / depth_pixel.z)
+                    || !self.camera.color.shows(column, row)
+                {
                     continue;
                 }
                 pixels[y * layout.width + x][3] = u8::MAX;
@@ -196,7 +200,7 @@ fn shrink(color: &ColorImage, layout: &RowLayout) -> Vec<[u8; 4]> {
     pixels
 }
 
-/// The disparity image in blocks of 2×2 pixels: what shows floor, and what stands on it.
+/// The depth image in blocks of 2×2 pixels: what shows floor, and what stands on it.
 struct DepthBlocks {
     width: usize,
     height: usize,
@@ -209,14 +213,14 @@ struct DepthBlocks {
 
 const FLOOR: u8 = 1;
 const OBSTACLE: u8 = 2;
-/// Disparities of the floor scatter by about this many units beyond its own unevenness.
+/// Disparities of the floor scatter by about this many units of their noise beyond its own unevenness.
 const DISPARITY_NOISE: f64 = 1.5;
 
 impl DepthBlocks {
-    fn classify(image: &DisparityImage, camera: &RgbdCamera, plane_tolerance_m: f64) -> Self {
+    fn classify(image: &DepthImage, camera: &RgbdCamera, plane_tolerance_m: f64) -> Self {
         let plane = DisparityPlane::of_floor(camera);
         let relative_tolerance = plane_tolerance_m / camera.height_m();
-        let noise = DISPARITY_NOISE * camera.disparity_scale.abs();
+        let noise = DISPARITY_NOISE * camera.dd_noise;
         let (width, height) = (image.width / 2, image.height / 2);
         let mut classes = vec![0_u8; width * height];
         let mut obstacles = Vec::new();
@@ -225,7 +229,7 @@ impl DepthBlocks {
             let (left, top) = (index % width * 2, index / width * 2);
             let mut obstacle_dd = None;
             for (column, row) in [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)] {
-                let Some(dd) = camera.disparity_term(image.disparity[row * image.width + column]) else { continue };
+                let Some(dd) = camera.disparity_term(image.values[row * image.width + column]) else { continue };
                 any_depth = true;
                 let expected = plane.at(column as f64, row as f64);
                 let tolerance = noise + relative_tolerance * expected.abs();
@@ -255,12 +259,12 @@ impl DepthBlocks {
     }
 
     /// The patch's pixels in which the colour camera sees an obstacle, or which are next to one.
-    fn shadow(&self, camera: &RgbdCamera, disparity_body_from_color_body: &Pose2, layout: &RowLayout) -> Vec<bool> {
+    fn shadow(&self, camera: &RgbdCamera, depth_body_from_color_body: &Pose2, layout: &RowLayout) -> Vec<bool> {
         let mut hidden = vec![0_u8; layout.width * layout.height];
-        let color_from_disparity = disparity_body_from_color_body.inverse();
-        let (sin, cos) = color_from_disparity.theta.sin_cos();
+        let color_from_depth = depth_body_from_color_body.inverse();
+        let (sin, cos) = color_from_depth.theta.sin_cos();
         let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
-        let shift = Vector3::new(color_from_disparity.x, color_from_disparity.y, 0.0);
+        let shift = Vector3::new(color_from_depth.x, color_from_depth.y, 0.0);
         let (linear, offset) = camera.color.pixel_from_body();
         let depth = &camera.depth;
         for obstacle in &self.obstacles {

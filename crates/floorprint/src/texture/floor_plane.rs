@@ -9,7 +9,7 @@ use super::camera::RgbdCamera;
 use super::config::TextureConfig;
 use super::floor_patch::FloorPatch;
 use crate::random::{Stage, generator};
-use crate::sensors::DisparityImage;
+use crate::sensors::DepthImage;
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 
@@ -88,7 +88,7 @@ const REFINEMENTS: usize = 3;
 
 /// Fits the floor's plane; nothing when too few pixels agree on a plane within the limits.
 pub(super) fn fit_floor(
-    image: &DisparityImage,
+    image: &DepthImage,
     camera: &RgbdCamera,
     config: &TextureConfig,
     seed: u64,
@@ -139,7 +139,7 @@ pub(super) fn fit_floor(
 
 /// Pixels (column, row, dd) that may be floor within the limits of tilt and height.
 fn candidates(
-    image: &DisparityImage,
+    image: &DepthImage,
     camera: &RgbdCamera,
     config: &TextureConfig,
     stated: &DisparityPlane,
@@ -148,7 +148,7 @@ fn candidates(
     let mut pixels = Vec::new();
     for row in (0..image.height).step_by(STRIDE_PX) {
         for column in (0..image.width).step_by(STRIDE_PX) {
-            let Some(dd) = camera.disparity_term(image.disparity[row * image.width + column]) else { continue };
+            let Some(dd) = camera.disparity_term(image.values[row * image.width + column]) else { continue };
             let (u, v) = (column as f64, row as f64);
             // A point at depth n/dd stands this far above the stated floor.
             let above_m = height_m * (1.0 - stated.at(u, v) / dd);

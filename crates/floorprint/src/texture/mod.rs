@@ -4,6 +4,7 @@ mod blend;
 mod camera;
 mod camera_error;
 mod config;
+mod distortion;
 mod exposure;
 mod floor_mapper;
 mod floor_patch;
@@ -13,6 +14,7 @@ mod pairing;
 mod spacing;
 mod summary;
 
+pub use camera::RgbdCamera;
 pub use camera_error::CameraError;
 pub use config::{Blend, TextureConfig};
 pub use floor_mapper::{FloorMapper, RgbdFrame, SkipReason};

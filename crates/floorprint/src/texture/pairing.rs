@@ -1,21 +1,21 @@
-//! Disparity and colour images paired by their stamps.
+//! Depth and colour images paired by their stamps.
 
 /// The pairs of two lists of stamps, and how many images stay alone.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ImagePairing {
     /// The pairs in the order of the colour images' stamps.
     pub pairs: Vec<ImagePair>,
-    /// Disparity images without a colour image near enough in time.
-    pub unpaired_disparity: usize,
-    /// Colour images without a disparity image near enough in time.
+    /// Depth images without a colour image near enough in time.
+    pub unpaired_depth: usize,
+    /// Colour images without a depth image near enough in time.
     pub unpaired_color: usize,
 }
 
-/// Indices of a disparity image and the colour image that belongs to it.
+/// Indices of a depth image and the colour image that belongs to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ImagePair {
-    /// Index into the disparity images.
-    pub disparity: usize,
+    /// Index into the depth images.
+    pub depth: usize,
     /// Index into the colour images.
     pub color: usize,
 }
@@ -25,21 +25,21 @@ pub struct ImagePair {
 /// Neither list needs to be sorted; the lists may differ in length, since either camera
 /// loses images. Stamps that are not finite stay unpaired. No image is used twice.
 #[must_use]
-pub fn pair_by_time(disparity_stamps_s: &[f64], color_stamps_s: &[f64], gap_max_s: f64) -> ImagePairing {
-    let disparities = in_time_order(disparity_stamps_s);
+pub fn pair_by_time(depth_stamps_s: &[f64], color_stamps_s: &[f64], gap_max_s: f64) -> ImagePairing {
+    let depths = in_time_order(depth_stamps_s);
     let colors = in_time_order(color_stamps_s);
     let pairs: Vec<ImagePair> = colors
         .iter()
         .filter_map(|&color| {
             let stamp_s = color_stamps_s[color];
-            let disparity = nearest(&disparities, disparity_stamps_s, stamp_s)?;
-            let mutual = nearest(&colors, color_stamps_s, disparity_stamps_s[disparity])? == color;
-            let near = (disparity_stamps_s[disparity] - stamp_s).abs() <= gap_max_s;
-            (mutual && near).then_some(ImagePair { disparity, color })
+            let depth = nearest(&depths, depth_stamps_s, stamp_s)?;
+            let mutual = nearest(&colors, color_stamps_s, depth_stamps_s[depth])? == color;
+            let near = (depth_stamps_s[depth] - stamp_s).abs() <= gap_max_s;
+            (mutual && near).then_some(ImagePair { depth, color })
         })
         .collect();
     ImagePairing {
-        unpaired_disparity: disparity_stamps_s.len() - pairs.len(),
+        unpaired_depth: depth_stamps_s.len() - pairs.len(),
         unpaired_color: color_stamps_s.len() - pairs.len(),
         pairs,
     }
@@ -73,33 +73,33 @@ mod tests {
     #[test]
     fn a_missing_first_image_does_not_shift_the_pairs() {
         let pairing = pair_by_time(&[0.0, 1.0, 2.0, 3.0], &[1.01, 2.02, 2.97], 0.1);
-        let expected = [(1, 0), (2, 1), (3, 2)].map(|(disparity, color)| ImagePair { disparity, color });
+        let expected = [(1, 0), (2, 1), (3, 2)].map(|(depth, color)| ImagePair { depth, color });
         assert_eq!(pairing.pairs, expected);
-        assert_eq!((pairing.unpaired_disparity, pairing.unpaired_color), (1, 0));
+        assert_eq!((pairing.unpaired_depth, pairing.unpaired_color), (1, 0));
     }
 
     #[test]
     fn an_image_far_in_time_or_without_a_finite_stamp_stays_alone() {
         let pairing = pair_by_time(&[0.0, f64::NAN, 5.0], &[0.2, 5.0, f64::INFINITY], 0.1);
-        assert_eq!(pairing.pairs, [ImagePair { disparity: 2, color: 1 }]);
-        assert_eq!((pairing.unpaired_disparity, pairing.unpaired_color), (2, 2));
+        assert_eq!(pairing.pairs, [ImagePair { depth: 2, color: 1 }]);
+        assert_eq!((pairing.unpaired_depth, pairing.unpaired_color), (2, 2));
         assert_eq!(pair_by_time(&[], &[], 0.1), ImagePairing::default());
     }
 
     proptest! {
         #[test]
         fn no_image_is_used_twice_and_none_is_lost(
-            disparity in prop::collection::vec(0.0..10.0_f64, 0..40),
+            depth in prop::collection::vec(0.0..10.0_f64, 0..40),
             color in prop::collection::vec(0.0..10.0_f64, 0..40),
         ) {
-            let pairing = pair_by_time(&disparity, &color, 0.3);
-            let mut used: Vec<usize> = pairing.pairs.iter().map(|pair| pair.disparity).collect();
+            let pairing = pair_by_time(&depth, &color, 0.3);
+            let mut used: Vec<usize> = pairing.pairs.iter().map(|pair| pair.depth).collect();
             used.sort_unstable();
             used.dedup();
             prop_assert_eq!(used.len(), pairing.pairs.len());
-            prop_assert_eq!(pairing.pairs.len() + pairing.unpaired_disparity, disparity.len());
+            prop_assert_eq!(pairing.pairs.len() + pairing.unpaired_depth, depth.len());
             prop_assert_eq!(pairing.pairs.len() + pairing.unpaired_color, color.len());
-            prop_assert!(pairing.pairs.iter().all(|pair| (disparity[pair.disparity] - color[pair.color]).abs() <= 0.3));
+            prop_assert!(pairing.pairs.iter().all(|pair| (depth[pair.depth] - color[pair.color]).abs() <= 0.3));
         }
     }
 }

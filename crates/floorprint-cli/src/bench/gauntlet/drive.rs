@@ -1,6 +1,6 @@
 //! One drive of the gauntlet: simulated, solved and judged.
 
-use super::Surroundings;
+use super::super::drives::{Surroundings, limit_cpu_time};
 use super::judgement::{Claim, Judgement, Verdict};
 use super::picture::Picture;
 use crate::config::Settings;
@@ -113,19 +113,6 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let picture = (solved.row.outcome != Verdict::Right).then(|| solved.picture());
     writeln!(terminal.results(), "{}", serde_json::to_string(&Answer { row: solved.row, picture })?)?;
     Ok(Outcome::Fine)
-}
-
-/// Has the system end this process when it has used so many seconds: the clock on the wall also runs while other
-/// processes have the processor, or none has.
-#[cfg(unix)]
-fn limit_cpu_time(seconds: u32) -> anyhow::Result<()> {
-    use nix::sys::resource::{Resource, setrlimit};
-    Ok(setrlimit(Resource::RLIMIT_CPU, seconds.into(), seconds.into())?)
-}
-
-#[cfg(not(unix))]
-fn limit_cpu_time(_seconds: u32) -> anyhow::Result<()> {
-    Ok(())
 }
 
 /// Solves a drive and leaves what can be looked at in a folder.

@@ -1,5 +1,6 @@
 //! The second pass over a recording: from the messages that play a role to records.
 
+use super::images::RecordedImages;
 use super::record_maker::RecordMaker;
 use super::recording::Recording;
 use super::roles::{Roles, Unfulfilled};
@@ -9,6 +10,7 @@ use crate::data_set::{
     BagContents, DataSet, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice, TopicSummary,
 };
 use crate::error::{Problem, ReadError};
+use crate::images::ImageIndex;
 use crate::source::Source;
 use floorprint::sensors::{LidarConfig, RobotConfig, StampAt, StampedPose};
 use std::path::Path;
@@ -47,7 +49,16 @@ pub(super) fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, Re
             maker.take(&roles, &message, &mut records);
         }
     }
-    let RecordMaker { truth, mut dropped, .. } = maker;
+    let RecordMaker { truth, mut dropped, images: [depth, color], .. } = maker;
+    let images = roles.camera.as_ref().map(|camera| ImageIndex {
+        depth,
+        color,
+        recorded: Some(RecordedImages {
+            path: path.to_path_buf(),
+            depth_topic: camera.depth_topic.clone(),
+            color_topic: camera.color_topic.clone(),
+        }),
+    });
     let undecodable: usize = survey.topics.values().map(|topic| topic.undecodable).sum();
     for _ in 0..undecodable {
         dropped.add(DropReason::Undecodable);
@@ -58,12 +69,13 @@ pub(super) fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, Re
         format: FORMAT,
         robot: robot(&roles),
         records,
-        images: None,
+        images,
         dropped,
         notes,
         input_hash,
         bag: Some(contents(&survey, roles, truth)),
         live: None,
+        unpacked: None,
     })
 }
 
@@ -97,6 +109,7 @@ pub(super) fn robot(roles: &Roles) -> RobotConfig {
         name: FORMAT.name.to_owned(),
         lidar: lidars.next().unwrap_or_default(),
         further_lidars: lidars.collect(),
+        depth_camera: roles.camera.as_ref().and_then(|camera| camera.config.clone()),
         ..RobotConfig::default()
     }
 }

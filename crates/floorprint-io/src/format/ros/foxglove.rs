@@ -1,8 +1,10 @@
-//! Messages in Foxglove's own schemas, as protobuf or JSON: `LaserScan`, `FrameTransform(s)` and `PoseInFrame`.
+//! Messages in Foxglove's own schemas, as protobuf or JSON: `LaserScan`, `FrameTransform(s)` and `PoseInFrame`; as
+//! protobuf also `RawImage`, `CompressedImage` and `CameraCalibration`.
 //!
 //! Source: <https://docs.foxglove.dev/docs/visualization/message-schemas>; the numbers of the protobuf fields are
 //! those of `foxglove-sdk/schemas/proto`.
 
+use super::camera::Calibration;
 use super::cursor::frame_name;
 use super::messages::{LaserScan, Message, Placed};
 use floorprint::geometry::Pose3;
@@ -29,12 +31,55 @@ pub(super) fn decode_protobuf(type_name: &str, bytes: &[u8]) -> Option<Message> 
         "foxglove.PoseInFrame" => {
             Some(pose(PoseInFrame { timestamp: fields.time(1)?, frame_id: fields.text(2)?, pose: fields.pose(3)? }))
         }
+        "foxglove.CameraCalibration" => {
+            let size_px = [fields.integer(2)?, fields.integer(3)?].map(|pixels| pixels as usize);
+            let (k, p) = (fields.numbers(6)?, fields.numbers(8)?);
+            Some(Message::Calibration(Calibration::new(
+                fields.time(1)?.seconds(),
+                frame_name(&fields.text(9)?).to_owned(),
+                size_px,
+                fields.text(4)?,
+                fields.numbers(5)?,
+                &k.try_into().ok()?,
+                // Not stated of cameras that nobody rectifies.
+                &p.try_into().unwrap_or_default(),
+            )))
+        }
         "foxglove.FrameTransform" => Some(Message::Transforms(vec![placed(fields.transform()?)])),
         "foxglove.FrameTransforms" => {
             let transforms = fields.all(1).map(|bytes| Some(placed(Fields(bytes?).transform()?)));
             Some(Message::Transforms(transforms.collect::<Option<_>>()?))
         }
         _ => None,
+    }
+}
+
+/// An image in protobuf.
+pub(super) struct ImageParts<'a> {
+    pub(super) stamp_s: f64,
+    pub(super) frame: String,
+    pub(super) encoding: String,
+    /// Columns and rows; none of a compressed one.
+    pub(super) size_px: Option<[usize; 2]>,
+    pub(super) row_bytes: usize,
+    pub(super) data: &'a [u8],
+}
+
+impl<'a> ImageParts<'a> {
+    /// Takes a `RawImage` or `CompressedImage` apart.
+    pub(super) fn read(bytes: &'a [u8], is_compressed: bool) -> Option<Self> {
+        let fields = Fields(bytes);
+        let [frame, encoding, data] = if is_compressed { [4, 3, 2] } else { [7, 4, 6] };
+        let number = |field| Some(usize::try_from(fields.integer(field)?).unwrap_or(usize::MAX));
+        let [size_px, row_bytes] = [(2, 3), (5, 5)].map(|(first, second)| Some([number(first)?, number(second)?]));
+        Some(Self {
+            stamp_s: fields.time(1)?.seconds(),
+            frame: frame_name(&fields.text(frame)?).to_owned(),
+            encoding: fields.text(encoding)?,
+            size_px: size_px.filter(|_| !is_compressed),
+            row_bytes: row_bytes.filter(|_| !is_compressed).map_or(0, |[bytes, _]| bytes),
+            data: fields.bytes(data)?,
+        })
     }
 }
 
@@ -324,6 +369,44 @@ mod tests {
         [&[(number << 3) | 1][..], &value.to_le_bytes()].concat()
     }
 
+    fn fixed(number: u8, value: u32) -> Vec<u8> {
+        [&[(number << 3) | 5][..], &value.to_le_bytes()].concat()
+    }
+
+    #[test]
+    fn images_and_their_calibration_are_read() {
+        let time = field(1, &[0x08, 0x96, 0x01]);
+        let raw = [
+            time.clone(),
+            fixed(2, 2),
+            fixed(3, 1),
+            field(4, b"rgb8"),
+            fixed(5, 6),
+            field(6, &[1, 2, 3, 4, 5, 6]),
+            field(7, b"/cam"),
+        ];
+        let parts_of = |bytes: &[u8], is_compressed| {
+            let parts = ImageParts::read(bytes, is_compressed).unwrap();
+            (parts.stamp_s, parts.frame, parts.encoding, parts.size_px, parts.row_bytes, parts.data.to_vec())
+        };
+        let expected = (150.0, "cam".to_owned(), "rgb8".to_owned(), Some([2, 1]), 6, vec![1, 2, 3, 4, 5, 6]);
+        assert_eq!(parts_of(&raw.concat(), false), expected);
+        let packed = [time.clone(), field(2, &[9, 8]), field(3, b"jpeg"), field(4, b"cam")].concat();
+        let expected = (150.0, "cam".to_owned(), "jpeg".to_owned(), None, 0, vec![9, 8]);
+        assert_eq!(parts_of(&packed, true), expected);
+
+        let numbers = |values: &[f64]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+        let k = numbers(&[500.0, 0.0, 320.0, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0]);
+        let camera =
+            [time, fixed(2, 640), fixed(3, 480), field(5, &numbers(&[0.0; 5])), field(6, &k), field(9, b"cam")];
+        let Some(Message::Calibration(calibration)) = decode_protobuf("foxglove.CameraCalibration", &camera.concat())
+        else {
+            panic!("no calibration")
+        };
+        assert_eq!((calibration.stamp_s, calibration.frame.as_str()), (150.0, "cam"));
+        assert!(decode_protobuf("foxglove.CameraCalibration", &camera[..4].concat()).is_none());
+    }
+
     #[test]
     fn protobuf_and_json_say_the_same() {
         let time = [0x08, 0x96, 0x01, 0x10, 0x05];
@@ -343,5 +426,19 @@ mod tests {
         };
         assert_eq!((placed.len(), placed[1].child.as_str(), placed[1].pose.translation_m.x), (2, "base", 3.0));
         assert!(decode_protobuf("foxglove.LaserScan", &bytes[..9]).is_none());
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        use crate::foxglove::{FrameTransform, FrameTransforms, Message as _};
+        let pose = crate::ros::SpacePose::from(&floorprint::geometry::Pose2::new(1.0, -2.0, 0.5));
+        let transform = FrameTransform { stamp_s: 12.25, parent: "map", child: "odom", pose };
+        let bytes = FrameTransforms(vec![transform]).to_protobuf();
+        let Some(Message::Transforms(placed)) = decode_protobuf("foxglove.FrameTransforms", &bytes) else {
+            panic!("no transforms")
+        };
+        let [Placed { stamp_s, parent, child, pose }] = &placed[..] else { panic!("not one") };
+        assert_eq!((*stamp_s, parent.as_str(), child.as_str()), (12.25, "map", "odom"));
+        assert_eq!(pose.translation_m.as_slice(), [1.0, -2.0, 0.0]);
     }
 }

@@ -43,6 +43,7 @@ pub(super) fn read(path: &Path, recording: &Recording<'_>, input_hash: String) -
         input_hash,
         bag: None,
         live: Some(session),
+        unpacked: None,
     })
 }
 

@@ -1,6 +1,8 @@
 //! The messages that matter, taken out of either serialisation.
 
+use super::camera::Calibration;
 use super::cursor::{Cursor, frame_name};
+use super::image::{ImageHead, ImageMessage};
 use super::{Channel, Encoding, foxglove};
 use floorprint::geometry::Pose3;
 
@@ -18,6 +20,12 @@ pub(super) enum Message {
     Transforms(Vec<Placed>),
     /// Turning and acceleration.
     Imu(Inertial),
+    /// An image, of which only the beginning was looked at.
+    Image(ImageHead),
+    /// A camera's intrinsics.
+    Calibration(Calibration),
+    /// Angles of joints.
+    Joints(Joints),
 }
 
 /// Which of them a topic holds.
@@ -31,6 +39,10 @@ pub(super) enum Kind {
     PoseWithCovarianceStamped,
     Transforms,
     Imu,
+    Image,
+    CompressedImage,
+    CameraInfo,
+    JointState,
 }
 
 /// `sensor_msgs/LaserScan`.
@@ -77,6 +89,14 @@ pub(super) struct Inertial {
     pub(super) linear_acceleration_m_s2: [f64; 3],
 }
 
+/// `sensor_msgs/JointState`: names and positions only.
+pub(super) struct Joints {
+    pub(super) stamp_s: f64,
+    pub(super) names: Vec<String>,
+    /// Radians, for joints that turn.
+    pub(super) positions: Vec<f64>,
+}
+
 impl Kind {
     /// By the name of a type: `package/Type`, `package/msg/Type` or `foxglove.Type`.
     pub(super) fn of(type_name: &str) -> Option<Self> {
@@ -92,13 +112,21 @@ impl Kind {
                 Self::Transforms
             }
             ("sensor_msgs", "Imu") => Self::Imu,
+            ("sensor_msgs", "Image") | ("foxglove", "RawImage") => Self::Image,
+            ("sensor_msgs" | "foxglove", "CompressedImage") => Self::CompressedImage,
+            ("sensor_msgs", "CameraInfo") | ("foxglove", "CameraCalibration") => Self::CameraInfo,
+            ("sensor_msgs", "JointState") => Self::JointState,
             _ => return None,
         })
     }
 }
 
 /// Takes a message apart; `None` when its bytes are no such message.
-pub(super) fn decode(kind: Kind, Channel { type_name, encoding, .. }: &Channel, bytes: &[u8]) -> Option<Message> {
+pub(super) fn decode(kind: Kind, channel: &Channel, bytes: &[u8]) -> Option<Message> {
+    if matches!(kind, Kind::Image | Kind::CompressedImage) {
+        return Some(Message::Image(ImageMessage::read(kind, channel, bytes)?.head));
+    }
+    let Channel { type_name, encoding, .. } = channel;
     let mut cursor = match encoding {
         Encoding::Ros1 => Cursor::ros1(bytes),
         Encoding::Cdr => Cursor::cdr(bytes)?,
@@ -136,6 +164,14 @@ pub(super) fn decode(kind: Kind, Channel { type_name, encoding, .. }: &Channel, 
             let parent = header.frame.to_owned();
             Some(Placed { stamp_s: header.stamp_s, parent, child, pose: pose(cursor)? })
         })?),
+        Kind::CameraInfo => Message::Calibration(Calibration::read(cursor)?),
+        Kind::JointState => {
+            let stamp_s = cursor.header()?.stamp_s;
+            let names = cursor.list(|cursor| Some(cursor.text()?.to_owned()))?;
+            Message::Joints(Joints { stamp_s, names, positions: cursor.list(Cursor::f64)? })
+        }
+        // Taken apart above.
+        Kind::Image | Kind::CompressedImage => return None,
         Kind::Imu => {
             let header = cursor.header()?;
             let _orientation_with_covariance: [f64; 4 + 9] = cursor.f64s()?;

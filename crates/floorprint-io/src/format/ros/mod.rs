@@ -4,12 +4,16 @@
 //! together from several files. `cursor` and `messages` take the messages apart, `foxglove` those in
 //! Foxglove's schemas. A recording is read twice: `survey`
 //! finds out what is there and how frames hang together (`transforms`), `roles` chooses what is used, and `record_maker`
-//! makes records of it; `stream` does the same with messages that come in live. `live` reads recordings of live sessions, which say all of that themselves.
+//! makes records of it, while `camera`, `image` and `images` do the same for images, which a third pass reads when
+//! the floor is painted; `stream` does the same with messages that come in live. `live` reads recordings of live sessions, which say all of that themselves.
 
 mod bag;
 mod bag1;
+mod camera;
 mod cursor;
 mod foxglove;
+mod image;
+mod images;
 mod input;
 mod live;
 mod mcap;
@@ -22,9 +26,11 @@ mod slice;
 mod stream;
 mod survey;
 mod transforms;
+mod wheels;
 
 use super::Format;
 
+pub(crate) use images::RecordedImages;
 pub(crate) use recording::begins_like_recording;
 pub use stream::{Decision, MessageStream, pose_of};
 
@@ -38,6 +44,7 @@ pub(super) const FORMAT: Format = Format {
 };
 
 /// A stream of messages of one kind from one source.
+#[derive(Clone)]
 struct Channel {
     topic: String,
     type_name: String,

@@ -1,12 +1,15 @@
 //! From the messages that play a role to records.
 
+use super::camera::Camera;
 use super::messages::{Inertial, Kind, LaserScan, Message, Placed, decode};
 use super::roles::{Lidar, Odometry, Roles};
+use super::wheels::Wheels;
 use super::{RawMessage, slice};
 use crate::data_set::{DropCounts, DropReason};
+use crate::images::{ImageEntry, ImagePlace};
 use floorprint::SensorId;
 use floorprint::geometry::{Pose2, Pose3};
-use floorprint::sensors::{ImuReading, Record, Scan, ScanGeometry, StampedPose};
+use floorprint::sensors::{EncoderReading, ImuReading, Record, Scan, ScanGeometry, StampedPose};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -22,6 +25,12 @@ pub(super) struct RecordMaker {
     slice_geometry: Arc<ScanGeometry>,
     /// The stamp of the last odometry: TF repeats its poses.
     odometry_stamp_s: Option<f64>,
+    /// The last angles of the wheels, left and right, radians.
+    wheels_rad: Option<[f64; 2]>,
+    /// Depth and colour images so far.
+    pub(super) images: [Vec<ImageEntry>; 2],
+    /// Messages on the topics of depth and colour images so far.
+    image_messages: [usize; 2],
     /// The true poses so far.
     pub(super) truth: Vec<StampedPose>,
     /// What could not be used.
@@ -37,6 +46,9 @@ impl RecordMaker {
             geometries: VecDeque::new(),
             slice_geometry: Arc::new(slice::geometry()),
             odometry_stamp_s: None,
+            wheels_rad: None,
+            images: [Vec::new(), Vec::new()],
+            image_messages: [0; 2],
             truth: Vec::new(),
             dropped: DropCounts::default(),
         }
@@ -46,7 +58,8 @@ impl RecordMaker {
     pub(super) fn take(&mut self, roles: &Roles, message: &RawMessage<'_>, records: &mut Vec<Record>) {
         let topic = message.channel.topic.as_str();
         let lidar = roles.lidars.iter().enumerate().find(|(_, lidar)| lidar.topic == topic);
-        let is_odometry = matches!(&roles.odometry, Some(Odometry::Topic(name, _)) if name == topic);
+        let is_odometry =
+            matches!(&roles.odometry, Some(Odometry::Topic(name, _) | Odometry::Wheels(name, _)) if name == topic);
         let edge = match &roles.odometry {
             Some(Odometry::Edge(edge, child_from_base)) => Some((edge, child_from_base)),
             _ => None,
@@ -54,6 +67,11 @@ impl RecordMaker {
         let imu = roles.imu.as_ref().filter(|(name, _)| name == topic);
         let is_truth = roles.truth.as_deref() == Some(topic);
         let Some(kind) = Kind::of(&message.channel.type_name) else { return };
+        if let Some(camera) = &roles.camera
+            && matches!(kind, Kind::Image | Kind::CompressedImage)
+        {
+            return self.take_image(camera, kind, message, roles.by_log_time);
+        }
         let plays = lidar.is_some() || is_odometry || imu.is_some() || is_truth;
         if !plays && (edge.is_none() || kind != Kind::Transforms) {
             return;
@@ -98,8 +116,33 @@ impl RecordMaker {
                     records.push(Record::Imu(in_base(&reading, base_from_imu, log_time_s)));
                 }
             }
+            (Some(Message::Joints(joints)), _) => {
+                let Some(Odometry::Wheels(_, wheels)) = &roles.odometry else { return };
+                let Some([left, right]) = wheels.angles_rad(&joints) else { return };
+                let [left_before, right_before] = self.wheels_rad.replace([left, right]).unwrap_or([left, right]);
+                records.push(Record::Encoders(EncoderReading {
+                    stamp_s: log_time_s.unwrap_or(joints.stamp_s),
+                    left_ticks: Wheels::turned_rad(left_before, left),
+                    right_ticks: Wheels::turned_rad(right_before, right),
+                }));
+            }
             // Counted by the survey.
-            (None, _) | (Some(Message::Scan(_) | Message::Cloud(_)), None) => {}
+            (None | Some(Message::Image(_) | Message::Calibration(_)), _)
+            | (Some(Message::Scan(_) | Message::Cloud(_)), None) => {}
+        }
+    }
+
+    /// Notes where an image of the camera is.
+    fn take_image(&mut self, camera: &Camera, kind: Kind, message: &RawMessage<'_>, by_log_time: bool) {
+        let topic = &message.channel.topic;
+        let Some(which) = [&camera.depth_topic, &camera.color_topic].iter().position(|name| *name == topic) else {
+            return;
+        };
+        let number = self.image_messages[which];
+        self.image_messages[which] += 1;
+        if let Some(Message::Image(head)) = decode(kind, message.channel, message.bytes) {
+            let stamp_s = if by_log_time { message.log_time_s } else { head.stamp_s };
+            self.images[which].push(ImageEntry { stamp_s, place: ImagePlace::Message(number) });
         }
     }
 

@@ -32,7 +32,8 @@ pub(super) fn recognises(source: &Source) -> bool {
 
 /// The files of a rosbag2 folder in the order in which they were recorded: `NAME_0`, `NAME_1` … `NAME_10`.
 ///
-/// A folder is one recording when it has a `metadata.yaml`, or when its files are one recording's by their names.
+/// A folder is one recording when it has a `metadata.yaml`, or when its files are one recording's by their names and no
+/// bags of ROS 1 lie beside them.
 fn storage_files(folder: &FolderSource) -> Vec<PathBuf> {
     let stem = |name: &str| {
         let ending = STORAGE_ENDINGS.iter().rev().find(|ending| name.ends_with(**ending))?;
@@ -48,7 +49,8 @@ fn storage_files(folder: &FolderSource) -> Vec<PathBuf> {
         .collect();
     files.sort();
     let recordings: BTreeSet<&String> = files.iter().map(|(recording, ..)| recording).collect();
-    if recordings.len() > 1 && !folder.names.contains("metadata.yaml") {
+    let is_collection = recordings.len() > 1 || folder.names.iter().any(|name| name.ends_with(".bag"));
+    if is_collection && !folder.names.contains("metadata.yaml") {
         return Vec::new();
     }
     files.into_iter().map(|(.., name)| folder.path.join(name)).collect()

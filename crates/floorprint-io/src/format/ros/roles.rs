@@ -4,13 +4,15 @@
 //! * **LiDARs**: of the planar ones whose mount is known and that look level, the one that sees most. Others at its
 //!   height can be asked for beside it: a map is a slice through the building, and slices at different heights differ. Not the one that the truth is made
 //!   of, when there is another. Without a planar one a cloud of points is sliced.
-//! * **Odometry**: a topic of poses, else the first moving frame above the base.
+//! * **Odometry**: a topic of poses, else the first moving frame above the base. Joints that are wheels, where asked for.
 //! * **Truth**: poses on a topic whose name says so.
 
+use super::camera::{self, Camera};
 use super::cursor::frame_name;
 use super::messages::Kind;
 use super::survey::{Survey, Topic};
 use super::transforms::MovingEdge;
+use super::wheels::Wheels;
 use crate::data_set::TopicChoice;
 use floorprint::geometry::{Mount, Pose3};
 use std::collections::BTreeSet;
@@ -43,6 +45,8 @@ pub(super) struct Roles {
     pub(super) imu: Option<(String, Pose3)>,
     /// The topic of the true poses.
     pub(super) truth: Option<String>,
+    /// The RGB-D camera by which the floor is painted.
+    pub(super) camera: Option<Camera>,
     /// Whether transforms say where all LiDARs sit.
     pub(super) all_places_known: bool,
     /// Whether messages count as taken when they were recorded: where their own stamps are nonsense.
@@ -70,6 +74,8 @@ pub(super) enum Odometry {
     Topic(String, Pose3),
     /// An edge of the tree of frames, and `child_from_base`.
     Edge(MovingEdge, Pose3),
+    /// A topic of joints, and those that are wheels.
+    Wheels(String, Wheels),
 }
 
 /// Why something plays a role, or none.
@@ -101,6 +107,7 @@ impl Roles {
             odometry: None,
             imu: None,
             truth: None,
+            camera: None,
             all_places_known: true,
             by_log_time: false,
             reasons: Vec::new(),
@@ -113,11 +120,12 @@ impl Roles {
         roles.choose_odometry(survey, odometry);
         roles.choose_lidars(survey, scans, !wanted.scans.is_empty());
         roles.choose_imu(survey);
+        camera::choose(&mut roles, survey, wanted)?;
         roles.choose_clock(survey);
         Ok(roles)
     }
 
-    fn because(&mut self, role: &'static str, what: impl Into<String>, why: impl Into<String>) {
+    pub(super) fn because(&mut self, role: &'static str, what: impl Into<String>, why: impl Into<String>) {
         self.reasons.push(Reason { role, what: what.into(), why: why.into() });
     }
 
@@ -143,11 +151,21 @@ impl Roles {
     }
 
     /// The topic of the odometry, if one is to be used.
-    fn choose_odometry_topic(&self, survey: &Survey, wanted: &TopicChoice) -> Result<Option<String>, Unfulfilled> {
+    fn choose_odometry_topic(&mut self, survey: &Survey, wanted: &TopicChoice) -> Result<Option<String>, Unfulfilled> {
         let can = |topic: &Topic| topic.kind == Some(Kind::Odometry) && topic.usable() > 0;
         if let Some(name) = &wanted.odometry {
-            let or_edge = |topic: &Topic| can(topic) || topic.kind == Some(Kind::Transforms);
-            let topic = named(survey, "--odom", name, "odometry", or_edge)?;
+            let wheels = |topic: &Topic| Wheels::among(&topic.joints);
+            let or_other =
+                |topic: &Topic| can(topic) || topic.kind == Some(Kind::Transforms) || wheels(topic).is_some();
+            let topic = named(survey, "--odom", name, "odometry", or_other)?;
+            if let Some(wheels) = survey.topics.get(topic).and_then(wheels) {
+                self.because("odometry", topic, format!("asked for: the wheels {wheels}"));
+                self.notes.push(format!(
+                    "{topic} states angles of wheels: robot.wheels says what they mean (left_m_per_tick and right_m_per_tick are the radius in metres, track_width_m)"
+                ));
+                self.odometry = Some(Odometry::Wheels(topic.to_owned(), wheels));
+                return Ok(None);
+            }
             return Ok(survey.topics.get(topic).filter(|topic| can(topic)).map(|_| topic.to_owned()));
         }
         let candidates = survey
@@ -250,7 +268,7 @@ impl Roles {
                 self.because("not used", other, format!("{name} is the odometry; --odom {other} takes this one"));
             }
             self.odometry = Some(Odometry::Topic(name, child_from_base));
-        } else if let Some(edge) = survey.transforms.odometry_of(&self.base) {
+        } else if let (None, Some(edge)) = (&self.odometry, survey.transforms.odometry_of(&self.base)) {
             let child_from_base = survey.transforms.between(&edge.child, &self.base).unwrap_or_else(Pose3::identity);
             self.because(
                 "odometry",
@@ -258,6 +276,20 @@ impl Roles {
                 "the first moving frame above the base",
             );
             self.odometry = Some(Odometry::Edge(edge, child_from_base));
+        }
+        self.mention_wheels(survey);
+    }
+
+    /// Says how wheels that are not used could be.
+    fn mention_wheels(&mut self, survey: &Survey) {
+        if matches!(self.odometry, Some(Odometry::Wheels(..))) {
+            return;
+        }
+        for (name, topic) in &survey.topics {
+            if let Some(wheels) = Wheels::among(&topic.joints) {
+                let how = format!("with --odom {name} and robot.wheels (radius, track width) they are the odometry");
+                self.because("not used", name, format!("the wheels {wheels}: {how}"));
+            }
         }
     }
 
@@ -409,7 +441,7 @@ impl Roles {
     /// Stamps of headers, unless they do not go on as times do or are of clocks that have nothing in common.
     fn choose_clock(&mut self, survey: &Survey) {
         let odometry = match &self.odometry {
-            Some(Odometry::Topic(name, _)) => Some(name),
+            Some(Odometry::Topic(name, _) | Odometry::Wheels(name, _)) => Some(name),
             _ => None,
         };
         let chosen: Vec<(&String, &Topic)> = self
@@ -503,7 +535,7 @@ fn is_called_truth(name: &str) -> bool {
 }
 
 /// The topic that an option names, with or without its leading slash.
-fn named<'a>(
+pub(super) fn named<'a>(
     survey: &'a Survey,
     option: &'static str,
     name: &str,

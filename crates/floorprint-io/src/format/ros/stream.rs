@@ -55,6 +55,10 @@ impl MessageStream {
     pub fn take(&mut self, topic: usize, time_s: f64, cdr: &[u8]) -> Vec<Record> {
         let mut records = Vec::new();
         let Some(channel) = self.channels.get(topic) else { return records };
+        // Images would have to be kept until the floor is painted.
+        if matches!(Kind::of(&channel.type_name), Some(Kind::Image | Kind::CompressedImage)) {
+            return records;
+        }
         let message = RawMessage { channel, log_time_s: time_s, bytes: cdr };
         match &mut self.roles {
             Some((roles, maker)) => maker.take(roles, &message, &mut records),

@@ -1,5 +1,7 @@
 //! The first pass over a recording: what is in it.
 
+use super::camera::Calibration;
+use super::image::ImageHead;
 use super::messages::{Kind, LaserScan, Message, decode};
 use super::transforms::Transforms;
 use super::{Channel, MessageSource, RawMessage};
@@ -36,6 +38,12 @@ pub(super) struct Topic {
     /// Frames whose poses it states.
     pub(super) children: BTreeSet<String>,
     pub(super) rays: Rays,
+    /// Of a topic of images: the first, without its pixels.
+    pub(super) image: Option<ImageHead>,
+    /// Names of joints whose angles it states.
+    pub(super) joints: BTreeSet<String>,
+    /// Of a topic of intrinsics: the first.
+    pub(super) calibration: Option<Calibration>,
 }
 
 /// What a topic's rays say.
@@ -101,6 +109,9 @@ impl Topic {
             frames: BTreeSet::new(),
             children: BTreeSet::new(),
             rays: Rays::default(),
+            image: None,
+            joints: BTreeSet::new(),
+            calibration: None,
         }
     }
 
@@ -119,6 +130,24 @@ impl Topic {
                 (placed.stamp_s, &placed.parent)
             }
             Message::Imu(reading) => (reading.stamp_s, &reading.frame),
+            Message::Image(head) => {
+                if self.image.is_none() {
+                    self.image = Some(head.clone());
+                }
+                (head.stamp_s, &head.frame)
+            }
+            Message::Calibration(calibration) => {
+                if self.calibration.is_none() {
+                    self.calibration = Some(calibration.clone());
+                }
+                (calibration.stamp_s, &calibration.frame)
+            }
+            Message::Joints(joints) => {
+                joints.names.iter().for_each(|name| note(&mut self.joints, name));
+                self.stamps_s.push(joints.stamp_s);
+                self.delay_sum_s += log_time_s - joints.stamp_s;
+                return;
+            }
             Message::Transforms(_) => return,
         };
         note(&mut self.frames, frame);

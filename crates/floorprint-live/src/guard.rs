@@ -1,13 +1,13 @@
 //! Who may come in: this machine, or whoever knows the token; and no other site in between.
 
-use hyper::header::{AUTHORIZATION, CONTENT_TYPE, COOKIE, HOST, ORIGIN};
+use crate::bucket::Bucket;
+use hyper::header::{AUTHORIZATION, CONTENT_TYPE, COOKIE, HOST, HeaderName, ORIGIN};
 use hyper::{Method, Request, StatusCode};
 use std::net::IpAddr;
-use std::time::Instant;
 use thiserror::Error;
 
 /// What the cookie with the token is called.
-pub(super) const COOKIE_NAME: &str = "floorprint";
+pub(crate) const COOKIE_NAME: &str = "floorprint";
 /// Shorter tokens can be guessed.
 const SHORTEST_TOKEN: usize = 16;
 /// Requests a second, of all viewers together, and how many may come at once.
@@ -40,7 +40,7 @@ impl Token {
     }
 
     /// Whether it is this one; takes as long for a wrong one as for a right one.
-    pub(super) fn is(&self, offered: &str) -> bool {
+    pub(crate) fn is(&self, offered: &str) -> bool {
         let differences =
             self.0.bytes().zip(offered.bytes()).fold(0, |differences, (own, other)| differences | (own ^ other));
         self.0.len() == offered.len() && differences == 0
@@ -54,44 +54,71 @@ impl std::fmt::Debug for Token {
 }
 
 /// Decides about requests.
-pub(super) struct Guard {
+pub(crate) struct Guard {
     token: Option<Token>,
     bucket: Bucket,
 }
 
 impl Guard {
     /// Of a server that listens at an address.
-    pub(super) fn new(address: IpAddr, token: Option<Token>) -> Result<Self, AccessError> {
+    pub(crate) fn new(address: IpAddr, token: Option<Token>) -> Result<Self, AccessError> {
         if !address.is_loopback() && token.is_none() {
             return Err(AccessError::NoToken(address));
         }
-        Ok(Self { token, bucket: Bucket { left: REQUESTS_AT_ONCE, at: Instant::now() } })
+        Ok(Self { token, bucket: Bucket::new(REQUESTS_PER_S, REQUESTS_AT_ONCE) })
     }
 
-    /// Whether a request may be answered; else how it is refused.
-    pub(super) fn admit<B>(&mut self, request: &Request<B>) -> Result<(), StatusCode> {
-        if !self.bucket.take() {
-            return Err(StatusCode::TOO_MANY_REQUESTS);
-        }
-        let header = |name| request.headers().get(name).and_then(|value| value.to_str().ok());
-        let host = header(HOST).unwrap_or_default();
-        // Another site may point its name at this machine; it is then asked for under that name.
-        if self.token.is_none() && !is_this_machine(host) {
-            return Err(StatusCode::MISDIRECTED_REQUEST);
-        }
-        if let Some(origin) = header(ORIGIN)
+    /// Whether a request of the page may be answered; else how it is refused.
+    pub(crate) fn admit<B>(&mut self, request: &Request<B>) -> Result<(), StatusCode> {
+        self.admit_host(request)?;
+        let host = header(request, HOST).unwrap_or_default();
+        if let Some(origin) = header(request, ORIGIN)
             && origin.split_once("://").is_none_or(|(_, origin)| !origin.eq_ignore_ascii_case(host))
         {
             return Err(StatusCode::FORBIDDEN);
         }
         // Forms of other sites cannot send this.
-        let is_json = header(CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
+        let is_json = header(request, CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json"));
         if request.method() == Method::POST && !is_json {
             return Err(StatusCode::UNSUPPORTED_MEDIA_TYPE);
         }
+        self.admit_bearer(request)
+    }
+
+    /// Whether a viewer may come in that is no page of ours, but Foxglove; else how it is refused.
+    #[cfg(feature = "foxglove")]
+    pub(crate) fn admit_viewer<B>(&mut self, request: &Request<B>) -> Result<(), StatusCode> {
+        self.admit_host(request)?;
+        // Who knows the token may come from any site; a cookie does not count, for browsers send it along by themselves.
+        if self.token.is_none() && header(request, ORIGIN).is_some_and(|origin| !is_viewers(origin)) {
+            return Err(StatusCode::FORBIDDEN);
+        }
+        if header(request, ORIGIN).is_some_and(|origin| origin.starts_with("http"))
+            && let Some(token) = &self.token
+            && !self.offered_in_address(request).is_some_and(|offered| token.is(offered))
+        {
+            return Err(StatusCode::UNAUTHORIZED);
+        }
+        self.admit_bearer(request)
+    }
+
+    /// Whether there are not too many requests, and this machine is asked for under its own name.
+    fn admit_host<B>(&mut self, request: &Request<B>) -> Result<(), StatusCode> {
+        if !self.bucket.take() {
+            return Err(StatusCode::TOO_MANY_REQUESTS);
+        }
+        // Another site may point its name at this machine; it is then asked for under that name.
+        if self.token.is_none() && !is_this_machine(header(request, HOST).unwrap_or_default()) {
+            return Err(StatusCode::MISDIRECTED_REQUEST);
+        }
+        Ok(())
+    }
+
+    /// Whether a request knows the token, where there is one.
+    fn admit_bearer<B>(&self, request: &Request<B>) -> Result<(), StatusCode> {
         let Some(token) = &self.token else { return Ok(()) };
-        let bearer = header(AUTHORIZATION).and_then(|value| value.strip_prefix("Bearer "));
-        let cookie = header(COOKIE).into_iter().flat_map(|cookies| cookies.split(';')).find_map(|cookie| {
+        let bearer = header(request, AUTHORIZATION).and_then(|value| value.strip_prefix("Bearer "));
+        let cookie = header(request, COOKIE).into_iter().flat_map(|cookies| cookies.split(';')).find_map(|cookie| {
             let (name, value) = cookie.trim().split_once('=')?;
             (name == COOKIE_NAME).then_some(value)
         });
@@ -100,9 +127,27 @@ impl Guard {
     }
 
     /// The token in an address such as `/?token=…`, by which a browser comes in the first time.
-    pub(super) fn offered_in_address<'a, B>(&self, request: &'a Request<B>) -> Option<&'a str> {
+    pub(crate) fn offered_in_address<'a, B>(&self, request: &'a Request<B>) -> Option<&'a str> {
         self.token.as_ref()?;
         request.uri().query()?.split('&').find_map(|pair| pair.strip_prefix("token="))
+    }
+}
+
+fn header<B>(request: &Request<B>, name: HeaderName) -> Option<&str> {
+    request.headers().get(name).and_then(|value| value.to_str().ok())
+}
+
+/// Where viewers that know the protocol come from: Foxglove's own site, pages of this machine, or no site at all (programs
+/// on the desktop name a file or themselves).
+#[cfg(feature = "foxglove")]
+fn is_viewers(origin: &str) -> bool {
+    const FOXGLOVES: &str = "foxglove.dev";
+    match origin.split_once("://") {
+        Some(("http" | "https", host)) if is_this_machine(host) => true,
+        Some(("https", host)) => host == FOXGLOVES || host.ends_with(&format!(".{FOXGLOVES}")),
+        Some((scheme, _)) => scheme != "http",
+        // `null`: a page that hides where it is from.
+        None => false,
     }
 }
 
@@ -113,23 +158,6 @@ fn is_this_machine(host: &str) -> bool {
         None => host.split(':').next().unwrap_or_default(),
     };
     name.eq_ignore_ascii_case("localhost") || name.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
-}
-
-/// Lets so many requests through a second.
-struct Bucket {
-    left: f64,
-    at: Instant,
-}
-
-impl Bucket {
-    fn take(&mut self) -> bool {
-        let now = Instant::now();
-        let came = now.duration_since(self.at).as_secs_f64() * REQUESTS_PER_S;
-        (self.left, self.at) = ((self.left + came).min(REQUESTS_AT_ONCE), now);
-        let is_enough = self.left >= 1.0;
-        self.left -= if is_enough { 1.0 } else { 0.0 };
-        is_enough
-    }
 }
 
 #[cfg(test)]
@@ -179,6 +207,38 @@ mod tests {
         assert_eq!(asked(&mut guard, "GET", "/events", &[host, cookie]), Ok(()));
         let bearer = ("authorization", "Bearer 0123456789abcdef");
         assert_eq!(asked(&mut guard, "GET", "/events", &[host, bearer]), Ok(()));
+    }
+
+    #[cfg(feature = "foxglove")]
+    #[test]
+    fn viewers_come_from_foxglove_or_this_machine() {
+        let mut guard = Guard::new(Ipv4Addr::LOCALHOST.into(), None).unwrap();
+        let mut admit = |host: &str, origin: Option<&str>| {
+            let mut request = Request::builder().uri("/").header("host", host);
+            if let Some(origin) = origin {
+                request = request.header("origin", origin);
+            }
+            guard.admit_viewer(&request.body(()).unwrap())
+        };
+        for origin in [None, Some("https://app.foxglove.dev"), Some("http://localhost:8080"), Some("file://")] {
+            assert_eq!(admit("localhost:8765", origin), Ok(()), "{origin:?}");
+        }
+        for origin in ["https://evil.example", "null", "http://app.foxglove.dev", "https://evilfoxglove.dev"] {
+            assert_eq!(admit("localhost:8765", Some(origin)), Err(StatusCode::FORBIDDEN), "{origin}");
+        }
+        assert_eq!(admit("evil.example", None), Err(StatusCode::MISDIRECTED_REQUEST));
+        // With a token it is the token that counts, and none that a browser sends along by itself.
+        let mut guard = Guard::new(Ipv4Addr::UNSPECIFIED.into(), Some(Token::new(SECRET).unwrap())).unwrap();
+        let mut admit = |uri: &str, headers: &[(&str, &str)]| {
+            let request = headers
+                .iter()
+                .fold(Request::builder().uri(uri), |request, (name, value)| request.header(*name, *value));
+            guard.admit_viewer(&request.body(()).unwrap())
+        };
+        assert_eq!(admit("/?token=0123456789abcdef", &[("origin", "https://app.foxglove.dev")]), Ok(()));
+        let cookie = ("cookie", "floorprint=0123456789abcdef");
+        assert_eq!(admit("/", &[cookie, ("origin", "https://evil.example")]), Err(StatusCode::UNAUTHORIZED));
+        assert_eq!(admit("/", &[]), Err(StatusCode::UNAUTHORIZED));
     }
 
     #[test]

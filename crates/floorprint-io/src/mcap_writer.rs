@@ -1,11 +1,17 @@
-//! Writes MCAP files: uncompressed chunks with an index, so that viewers can seek and what was written so far can be read
-//! whenever the process ends.
+//! Writes MCAP files: chunks with an index, so that viewers can seek and what was written so far can be read whenever the
+//! process ends.
 //!
 //! Source: <https://mcap.dev/spec>.
 
+use crate::error::WriteError;
+use crate::foxglove::Schema;
+use crate::replace::replace_file;
 use flate2::Crc;
+use lz4_flex::frame::FrameEncoder;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use std::path::Path;
 
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// A chunk is written once it holds so many bytes.
@@ -22,10 +28,35 @@ const CHUNK_INDEX: u8 = 8;
 const STATISTICS: u8 = 11;
 const DATA_END: u8 = 15;
 
+/// What the messages are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// To be played by ROS 2 and read again; it is written while messages come, and therefore not packed.
+    Ros2,
+    /// To be looked at.
+    Viewers,
+}
+
+/// Writes an MCAP file for viewers, which appears whole or not at all.
+///
+/// # Errors
+/// When it cannot be written, and those of `fill`.
+pub fn write_mcap(
+    path: &Path,
+    fill: impl FnOnce(&mut McapWriter<&mut dyn Write>) -> io::Result<()>,
+) -> Result<(), WriteError> {
+    replace_file(path, |file| {
+        let mut writer = McapWriter::new(file, Purpose::Viewers)?;
+        fill(&mut writer)?;
+        writer.finish().map(drop)
+    })
+}
+
 /// A file that is being written.
 #[derive(Debug)]
-pub(super) struct McapWriter<W> {
+pub struct McapWriter<W> {
     output: W,
+    purpose: Purpose,
     written: u64,
     /// Schemas and channels, as they come again in the summary.
     definitions: Vec<u8>,
@@ -50,9 +81,10 @@ struct Chunk {
 
 impl<W: Write> McapWriter<W> {
     /// Begins a file.
-    pub(super) fn new(output: W) -> io::Result<Self> {
+    pub(crate) fn new(output: W, purpose: Purpose) -> io::Result<Self> {
         let mut writer = Self {
             output,
+            purpose,
             written: 0,
             definitions: Vec::new(),
             channels: 0,
@@ -63,23 +95,22 @@ impl<W: Write> McapWriter<W> {
             chunks: 0,
             span: None,
         };
-        let header = [text("ros2"), text(concat!("floorprint ", env!("CARGO_PKG_VERSION")))].concat();
+        let profile = if purpose == Purpose::Ros2 { "ros2" } else { "" };
+        let header = [text(profile), text(concat!("floorprint ", env!("CARGO_PKG_VERSION")))].concat();
         writer.put(MAGIC)?;
         writer.put(&record(HEADER, &header))?;
         Ok(writer)
     }
 
-    /// Adds a channel of messages of one type and gives its number.
-    pub(super) fn add_channel(&mut self, topic: &str, type_name: &str, schema: &str, is_latched: bool) -> u16 {
+    /// Adds a channel of messages of one type and gives its number. What is latched goes to whoever joins later when ROS 2
+    /// plays it.
+    pub fn add_channel(&mut self, topic: &str, schema: &Schema, is_latched: bool) -> u16 {
         self.channels += 1;
         let id = self.channels.to_le_bytes();
-        let durability = if is_latched { 1 } else { 2 };
-        let qos = format!(
-            "- history: 3\n  depth: 0\n  reliability: 1\n  durability: {durability}\n  deadline:\n    sec: 9223372036\n    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n  avoid_ros_namespace_conventions: false"
-        );
-        let metadata = [text("offered_qos_profiles"), text(&qos)].concat();
-        let schema = [&id[..], &text(type_name), &text("ros2msg"), &text(schema)].concat();
-        let channel = [&id[..], &id, &text(topic), &text("cdr"), &prefixed(&metadata)].concat();
+        let metadata = if self.purpose == Purpose::Ros2 { quality_of_service(is_latched) } else { Vec::new() };
+        let Schema { name, encoding, description, message_encoding } = schema;
+        let schema = [&id[..], &text(name), &text(encoding), &prefixed(description)].concat();
+        let channel = [&id[..], &id, &text(topic), &text(message_encoding), &prefixed(&metadata)].concat();
         let definitions = [record(SCHEMA, &schema), record(CHANNEL, &channel)].concat();
         self.chunk.records.extend(&definitions);
         self.definitions.extend(definitions);
@@ -88,7 +119,10 @@ impl<W: Write> McapWriter<W> {
     }
 
     /// Adds a message at a time in nanoseconds.
-    pub(super) fn write(&mut self, channel: u16, time_ns: u64, message: &[u8]) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write(&mut self, channel: u16, time_ns: u64, message: &[u8]) -> io::Result<()> {
         let time = time_ns.to_le_bytes();
         let place = self.chunk.records.len() as u64;
         let head = [&channel.to_le_bytes()[..], &self.sequence.to_le_bytes(), &time, &time].concat();
@@ -105,19 +139,25 @@ impl<W: Write> McapWriter<W> {
     }
 
     /// Writes what is there as a chunk.
-    pub(super) fn flush(&mut self) -> io::Result<()> {
+    pub(crate) fn flush(&mut self) -> io::Result<()> {
         let Chunk { records, messages, span } = std::mem::take(&mut self.chunk);
         if records.is_empty() {
             return self.output.flush();
         }
         let [first, last] = span.unwrap_or_default().map(u64::to_le_bytes);
         let length = (records.len() as u64).to_le_bytes();
-        let head = [&first[..], &last, &length, &crc(&records).to_le_bytes(), &text(""), &length].concat();
+        let (compression, packed) = match self.purpose {
+            Purpose::Ros2 => ("", Cow::Borrowed(&records[..])),
+            Purpose::Viewers => ("lz4", Cow::Owned(lz4(&records)?)),
+        };
+        let packed_length = (packed.len() as u64).to_le_bytes();
+        let crc = crc(&records).to_le_bytes();
+        let head = [&first[..], &last, &length, &crc, &text(compression), &packed_length].concat();
         let start = self.written;
         self.put(&[CHUNK])?;
-        self.put(&((head.len() + records.len()) as u64).to_le_bytes())?;
+        self.put(&((head.len() + packed.len()) as u64).to_le_bytes())?;
         self.put(&head)?;
-        self.put(&records)?;
+        self.put(&packed)?;
         let chunk_length = self.written - start;
         let mut offsets = Vec::new();
         let indexes = self.written;
@@ -135,8 +175,8 @@ impl<W: Write> McapWriter<W> {
             &chunk_length.to_le_bytes(),
             &prefixed(&offsets),
             &(self.written - indexes).to_le_bytes(),
-            &text(""),
-            &length,
+            &text(compression),
+            &packed_length,
             &length,
         ];
         self.chunk_indexes.extend(record(CHUNK_INDEX, &index.concat()));
@@ -145,7 +185,7 @@ impl<W: Write> McapWriter<W> {
     }
 
     /// Ends the file and gives what it was written to.
-    pub(super) fn finish(mut self) -> io::Result<W> {
+    pub(crate) fn finish(mut self) -> io::Result<W> {
         self.flush()?;
         self.put(&record(DATA_END, &0_u32.to_le_bytes()))?;
         let summary_start = self.written;
@@ -190,6 +230,21 @@ impl<W: Write> McapWriter<W> {
 
 fn widen(span: &mut Option<[u64; 2]>, time_ns: u64) {
     *span = Some(span.map_or([time_ns; 2], |[first, last]| [first.min(time_ns), last.max(time_ns)]));
+}
+
+fn lz4(bytes: &[u8]) -> io::Result<Vec<u8>> {
+    let mut encoder = FrameEncoder::new(Vec::new());
+    encoder.write_all(bytes)?;
+    encoder.finish().map_err(io::Error::other)
+}
+
+/// How ROS 2 offers a channel's messages when it plays them.
+fn quality_of_service(is_latched: bool) -> Vec<u8> {
+    let durability = if is_latched { 1 } else { 2 };
+    let qos = format!(
+        "- history: 3\n  depth: 0\n  reliability: 1\n  durability: {durability}\n  deadline:\n    sec: 9223372036\n    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n  avoid_ros_namespace_conventions: false"
+    );
+    [text("offered_qos_profiles"), text(&qos)].concat()
 }
 
 fn crc(bytes: &[u8]) -> u32 {
