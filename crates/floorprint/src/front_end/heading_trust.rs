@@ -92,3 +92,49 @@ impl HeadingTrust {
         self.squared_ratio[kind] += NEWEST * (squared - self.squared_ratio[kind]);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Drives so many metres in steps of 10 cm, on each of which the odometry errs by `error_rad` and the scan, which knows the
+    /// heading this well, by as much to and fro; in turns or straight on.
+    fn drive(metres: usize, error_rad: f64, scan_sigma_rad: f64, turn_rad: f64) -> HeadingTrust {
+        let (mut trust, motion) = (HeadingTrust::default(), MotionConfig::default());
+        let scan = Matrix3::from_diagonal(&[1e6, 1e6, scan_sigma_rad.powi(-2)].into());
+        for step in 0..10 * metres {
+            let measured = Pose2::new(0.1, 0.0, turn_rad);
+            let jitter_rad = if step % 2 == 0 { scan_sigma_rad } else { -scan_sigma_rad };
+            let matched = Pose2::new(0.1, 0.0, turn_rad + error_rad + jitter_rad);
+            trust.learn(&measured, &matched, &motion, Some(&scan));
+        }
+        trust
+    }
+
+    #[test]
+    fn a_gyro_is_believed_more_and_wheels_that_drift_are_not() {
+        assert_eq!(HeadingTrust::default().noise(), [1.0; 2]);
+        assert_eq!(drive(60, 0.0, 0.003, 0.0).noise(), [LEAST_NOISE, 1.0]);
+        let [drifting, _] = drive(40, 0.003, 0.003, 0.0).noise();
+        assert!((0.5..0.8).contains(&drifting), "{drifting}");
+        assert_eq!(drive(40, 0.02, 0.003, 0.0).noise()[0], 1.0);
+    }
+
+    #[test]
+    fn turns_are_judged_apart() {
+        let [straight, turning] = drive(20, 0.0, 0.003, 0.2).noise();
+        assert!(straight == 1.0 && turning < 0.3, "{straight} {turning}");
+        let [straight, turning] = drive(20, 0.06, 0.003, 0.2).noise();
+        assert_eq!([straight, turning], [1.0; 2], "wheels that scrub read a third too much");
+    }
+
+    #[test]
+    fn scans_that_do_not_tell_the_heading_teach_nothing() {
+        assert_eq!(drive(40, 0.0, 0.1, 0.0).noise(), [1.0; 2]);
+        let (mut trust, motion) = (HeadingTrust::default(), MotionConfig::default());
+        for _ in 0..400 {
+            trust.learn(&Pose2::new(0.1, 0.0, 0.0), &Pose2::new(0.1, 0.0, 0.0), &motion, None);
+        }
+        assert_eq!(trust, HeadingTrust::default());
+    }
+}

@@ -210,16 +210,15 @@ impl UnseenMotion {
 }
 
 impl UnseenMotion {
-    /// Wheels that stood through a gap in the scans and run right after it as they did before were stuck, and the robot went
-    /// on: a place that fits where it was before is one of those that look like it.
+    /// Wheels that stood through a gap in the scans, right after which the robot moves as it did before, were stuck, and it
+    /// went on: a place that fits where it was before is one of those that look like it.
     fn doubt_the_gap(&mut self, step: &Step<'_>, is_stuck: bool) {
         let [x, y] = self.seen_m_s;
         if step.is_gap {
             self.stood_m = if is_stuck { x.hypot(y) * step.elapsed_s } else { 0.0 };
         } else if step.elapsed_s > 0.0 {
             let stood_m = std::mem::take(&mut self.stood_m);
-            let runs_m = step.measured.map_or(0.0, Pose2::distance);
-            if runs_m > HALF * x.hypot(y) * step.elapsed_s {
+            if step.matched.distance() > HALF * x.hypot(y) * step.elapsed_s {
                 self.drift.sigma_m += STOOD_SHARE * stood_m;
             }
         }

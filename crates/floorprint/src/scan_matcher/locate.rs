@@ -25,7 +25,7 @@ const CLEARLY_BETTER: f64 = 0.2;
 /// Where the scan contradicts the odometry, the robot is believed to go on as before even if this much less of it fits there.
 const SLIGHTLY: f64 = 0.05;
 /// The scan fits beyond doubt if this share of the points lies on the map.
-const BEYOND_DOUBT: f64 = 0.85;
+const BEYOND_DOUBT: f64 = 0.8;
 /// After a search the odometry is believed this much less (as a factor on its information).
 const DISTRUST: f64 = 0.01;
 
