@@ -84,7 +84,7 @@ impl HeadingTrust {
         let (sigma_m, _) = motion.sigmas(measured);
         let place = Matrix3::from_diagonal(&[sigma_m.powi(-2), sigma_m.powi(-2), 0.0].into());
         let heading_rad2 = (scan + place).try_inverse().map_or(f64::INFINITY, |covariance| covariance[(2, 2)]);
-        if !(heading_rad2 * MORE_CERTAIN < stated_rad2) {
+        if heading_rad2 * MORE_CERTAIN >= stated_rad2 {
             return;
         }
         let squared = (error_rad * error_rad / stated_rad2).min(LARGEST_RATIO * LARGEST_RATIO);
