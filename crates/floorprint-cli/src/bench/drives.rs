@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 /// How the drives of --gauntlet and --localization are run.
 #[derive(Args, Debug, Clone)]
+#[group(skip)]
 pub(super) struct Options {
     /// Seed of --gauntlet and --localization.
     #[arg(long, value_name = "N", default_value_t = 0)]

@@ -103,8 +103,9 @@ impl Tracker {
             // How the robot went on before a gap says nothing about where it is after it.
             continued.information = Matrix3::zeros();
         }
-        // Wheels that stand may be stuck.
-        let farthest_turn_rad = measured.filter(|measured| !is_standing(measured)).map_or(PI, |measured| {
+        // Wheels that stand may be stuck, and after a gap what they tell may come late.
+        let tells_turns = |measured: &&Pose2| !is_standing(measured) && !is_gap(steps);
+        let farthest_turn_rad = measured.filter(tells_turns).map_or(PI, |measured| {
             let (_, sigma_rad) = motion.sigmas(measured);
             (TURN_SIGMAS * sigma_rad).max(LEAST_TURN_RAD)
         });

@@ -28,6 +28,7 @@ const PICTURES: usize = 40;
 
 /// Random drives in place of data sets and named worlds.
 #[derive(Args, Debug, Clone)]
+#[group(skip)]
 pub(super) struct Options {
     /// Random drives through random worlds with random robots and faults: how many of them are right, how many
     /// say that they are lost, and how many are silently wrong.

@@ -24,6 +24,7 @@ use std::io::Write as _;
 
 /// Localization in simulated worlds in place of data sets and named worlds.
 #[derive(Args, Debug, Clone)]
+#[group(skip)]
 pub(super) struct Options {
     /// Localization in random worlds with random robots: ten faults by a start that is known and one that is not, in turn;
     /// how often the robot is found, how far off its pose is, and how often it is wrong [default: 100 cases].
