@@ -34,21 +34,6 @@ impl Default for MotionConfig {
     }
 }
 
-/// What is learnt of the odometry's noise: factors on the standard deviations that `[motion]` states.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NoiseFactors {
-    /// Of the position.
-    pub position: f64,
-    /// Of the heading: of what comes from going on, and of what comes from turning.
-    pub heading: [f64; 2],
-}
-
-impl Default for NoiseFactors {
-    fn default() -> Self {
-        Self { position: 1.0, heading: [1.0; 2] }
-    }
-}
-
 /// No step is more certain than this (m², rad²).
 const SMALLEST_VARIANCE: f64 = 1e-10;
 
@@ -56,30 +41,24 @@ impl MotionConfig {
     /// Standard deviations of a step in position (metres) and heading (radians).
     #[must_use]
     pub fn sigmas(&self, motion: &Pose2) -> (f64, f64) {
-        let [ahead_rad, turning_rad] = self.heading_sigmas(motion);
-        (self.sigma_m + self.sigma_m_per_m * motion.distance(), ahead_rad + turning_rad)
-    }
-
-    /// Standard deviation of a step's heading, radians: what comes from going on, and what comes from turning.
-    #[must_use]
-    pub fn heading_sigmas(&self, motion: &Pose2) -> [f64; 2] {
-        let ahead_rad = self.sigma_rad + self.sigma_rad_per_m * motion.distance();
-        [ahead_rad, self.sigma_rad_per_rad * motion.theta.abs()]
+        let (distance_m, turn_rad) = (motion.distance(), motion.theta.abs());
+        (
+            self.sigma_m + self.sigma_m_per_m * distance_m,
+            self.sigma_rad + self.sigma_rad_per_rad * turn_rad + self.sigma_rad_per_m * distance_m,
+        )
     }
 
     /// Inverse covariance of a step over (x, y, θ); the same in every direction of the plane.
     #[must_use]
     pub fn information(&self, motion: &Pose2) -> Matrix3<f64> {
-        self.scaled_information(motion, &NoiseFactors::default())
+        self.scaled_information(motion, 1.0)
     }
 
-    /// The same with the standard deviations multiplied by factors.
+    /// The same with the standard deviation of the position multiplied by a factor.
     #[must_use]
-    pub fn scaled_information(&self, motion: &Pose2, factors: &NoiseFactors) -> Matrix3<f64> {
-        let (sigma_m, _) = self.sigmas(motion);
-        let [ahead_rad, turning_rad] = self.heading_sigmas(motion);
-        let sigma_m = factors.position * sigma_m;
-        let sigma_rad = factors.heading[0] * ahead_rad + factors.heading[1] * turning_rad;
+    pub fn scaled_information(&self, motion: &Pose2, position_factor: f64) -> Matrix3<f64> {
+        let (sigma_m, sigma_rad) = self.sigmas(motion);
+        let sigma_m = position_factor * sigma_m;
         // Even where no noise is stated the odometry is only nearly certain, to keep the sums finite.
         let of_variance = |variance: f64| variance.max(SMALLEST_VARIANCE).recip();
         let (position, heading) = (of_variance(sigma_m * sigma_m), of_variance(sigma_rad * sigma_rad));

@@ -8,7 +8,6 @@ mod correlation;
 mod front_end;
 mod genealogy;
 mod grisetti;
-mod heading_trust;
 mod kld_sampling;
 mod local_map;
 mod loss;

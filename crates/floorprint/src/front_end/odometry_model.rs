@@ -1,10 +1,8 @@
 //! What is learnt of this robot's odometry on the way.
 
-use super::heading_trust::HeadingTrust;
 use super::odometry_scale::OdometryScale;
 use super::odometry_trust::OdometryTrust;
 use crate::geometry::Pose2;
-use crate::motion_model::{MotionConfig, NoiseFactors};
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
@@ -12,8 +10,6 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct OdometryModel {
     trust: OdometryTrust,
-    #[serde(default)]
-    heading: HeadingTrust,
     scale: OdometryScale,
 }
 
@@ -34,23 +30,6 @@ impl OdometryModel {
     #[must_use]
     pub fn noise(&self) -> f64 {
         self.trust.noise()
-    }
-
-    /// Factors on all that is stated of its noise.
-    #[must_use]
-    pub fn noise_factors(&self) -> NoiseFactors {
-        NoiseFactors { position: self.trust.noise(), heading: self.heading.noise() }
-    }
-
-    /// Learns from a step what its turns are worth; of a scan that is believed, the information.
-    pub fn learn_heading(
-        &mut self,
-        measured: &Pose2,
-        matched: &Pose2,
-        motion: &MotionConfig,
-        scan: Option<&Matrix3<f64>>,
-    ) {
-        self.heading.learn(measured, matched, motion, scan);
     }
 
     /// Learns from a step: what the odometry `measured` and what scan and odometry together `matched`, both seen from

@@ -288,11 +288,6 @@ impl ParticleFilter {
             fit.covariance_without_scan(&self.covariance)
         };
         self.is_doubtful |= fit.is_doubtful();
-        if let Some(measured) = measured {
-            let scan = (is_believed && !after_gap).then_some(&fit.result.scan_information);
-            let last_motion = self.best_particle().last_motion;
-            self.odometry.learn_heading(measured, &last_motion, &self.motion, scan);
-        }
         if let Some(measured) = measured.filter(|_| is_believed) {
             let Tracker { pose, last_motion, .. } = self.best_particle();
             let (last_motion, heading_rad) = (*last_motion, pose.theta - last_motion.theta);

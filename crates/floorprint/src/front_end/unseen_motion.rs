@@ -48,8 +48,6 @@ const NEWEST_VELOCITY: f64 = 0.3;
 /// factor on the squared share of points that do not, up to half of the way.
 const DISAGREEMENT: f64 = 2.0;
 const HALF: f64 = 0.5;
-/// Of a way that wheels may have missed, this share is the standard deviation.
-const STOOD_SHARE: f64 = 0.7;
 
 /// A key scan adds this share of what its points scatter too much: about as much as the square root of a submap's key scans.
 const SCATTER_SHARE: f64 = 0.2;
@@ -69,9 +67,6 @@ pub(super) struct UnseenMotion {
     blind: Blind,
     /// By how much the motion since the last key scan may be off.
     drift: Drift,
-    /// How far the robot would have come in the last gap if it had gone on, where the wheels say that it stood, metres.
-    #[serde(default)]
-    stood_m: f64,
 }
 
 /// What a scan does not show of a motion.
@@ -112,7 +107,6 @@ impl Default for UnseenMotion {
             scatter: 1.0,
             blind: Blind::No,
             drift: Drift::default(),
-            stood_m: 0.0,
         }
     }
 }
@@ -186,7 +180,6 @@ impl UnseenMotion {
                 sigma_rad: may_be_wrong * off.theta.abs(),
             });
         }
-        self.doubt_the_gap(step, is_stuck);
         let share = fit.result.inlier_share;
         if share > LEAST_SHARE && scan.len() >= LEAST_POINTS {
             let of_inliers = (fit.result.score - (1.0 - share) * OUTLIER_LOG_LIKELIHOOD) / share;
@@ -204,22 +197,6 @@ impl UnseenMotion {
             if speed_m_s > STANDING_M_S {
                 self.moves = (self.moves + step.paces).min(MOVES_REMEMBERED);
                 self.usual_m_s += step.paces * (speed_m_s - self.usual_m_s) / self.moves.max(1.0);
-            }
-        }
-    }
-}
-
-impl UnseenMotion {
-    /// Wheels that stood through a gap in the scans, right after which the robot moves as it did before, were stuck, and it
-    /// went on: a place that fits where it was before is one of those that look like it.
-    fn doubt_the_gap(&mut self, step: &Step<'_>, is_stuck: bool) {
-        let [x, y] = self.seen_m_s;
-        if step.is_gap {
-            self.stood_m = if is_stuck { x.hypot(y) * step.elapsed_s } else { 0.0 };
-        } else if step.elapsed_s > 0.0 {
-            let stood_m = std::mem::take(&mut self.stood_m);
-            if step.matched.distance() > HALF * x.hypot(y) * step.elapsed_s {
-                self.drift.sigma_m += STOOD_SHARE * stood_m;
             }
         }
     }
@@ -311,40 +288,6 @@ mod tests {
         assert!((1.5..2.5).contains(&stuck.sigma_m), "{stuck:?}");
         let none = drift_over_two_metres(&corridor, start, None);
         assert!(none.sigma_m > 0.8, "{none:?}");
-    }
-
-    #[test]
-    fn wheels_that_stand_in_a_gap_and_run_right_after_it_are_doubted() {
-        let (walls, matcher) = (Walls::room(), MatcherConfig::default());
-        let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 361), &Thinning::default());
-        let mut map = SurfaceMap::new(matcher.cell_m);
-        map.add_scan(&Pose2::IDENTITY, &scan);
-        let prior = PoseBelief { pose: Pose2::IDENTITY, information: Matrix3::identity() * 400.0 };
-        let result = match_scan(&map, &scan, &prior, &matcher);
-        let fit = Fit { result, prior, odometry: OdometryVerdict::Confirmed };
-        let doubt_after = |before_m: f64, in_gap_m: f64, after_m: f64| {
-            let mut unseen = UnseenMotion { seen_m_s: [before_m / 0.2, 0.0], ..UnseenMotion::default() };
-            for (motion_m, elapsed_s) in [(before_m, 0.2), (in_gap_m, 10.0), (after_m, 0.2)] {
-                let matched = Pose2::new(motion_m, 0.0, 0.0);
-                let step = Step {
-                    measured: Some(&matched),
-                    matched: &matched,
-                    elapsed_s,
-                    paces: elapsed_s / 0.2,
-                    is_gap: elapsed_s > 1.0,
-                    is_believed: true,
-                    is_tested: true,
-                };
-                unseen.observe(&step, &fit, &scan, &map, &matcher);
-            }
-            unseen.drift().sigma_m
-        };
-        assert!((3.0..4.0).contains(&doubt_after(0.1, 0.0, 0.1)), "it drove 5 m at 0.5 m/s meanwhile");
-        let doubts = [(0.0, 0.0, 0.1), (0.1, 0.0, 0.0), (0.1, 5.0, 0.1)];
-        for (before_m, in_gap_m, after_m) in doubts {
-            let sigma_m = doubt_after(before_m, in_gap_m, after_m);
-            assert!(sigma_m < 0.1, "{before_m} {in_gap_m} {after_m}: {sigma_m}");
-        }
     }
 
     #[test]
