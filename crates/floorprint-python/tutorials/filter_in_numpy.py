@@ -29,6 +29,18 @@ def moved(poses: Array, points: Array) -> Array:
     return np.stack([x + cos * points[:, 0] - sin * points[:, 1], y + sin * points[:, 0] + cos * points[:, 1]], -1)
 
 
+def draw(log_odds: Array, pose: Array, frame: floorprint.Frame) -> None:
+    """Map, §III.A.2: cells that the rays end in are occupied, those passed are free."""
+    hits, origin = np.asarray(frame.hits, dtype=np.float64), np.array(frame.origin_m)
+    steps = np.linspace(0.0, 1.0, 250, endpoint=False)[:, None, None]
+    for points, change in ((origin + steps * (hits - origin), -1.0), (hits, 5.0)):
+        column, row = cells_of(moved(pose[None], points.reshape(-1, 2))[0]).T
+        seen = np.zeros_like(log_odds, dtype=bool)
+        seen[row, column] = True
+        log_odds[seen] += change * np.log(9.0)
+    np.clip(log_odds, -100.0, 100.0, out=log_odds)
+
+
 def particle_filter(frames: list[floorprint.Frame], seed: int = 0) -> tuple[Array, Array]:
     random = np.random.default_rng(seed)
     log_odds = np.zeros((SIDE, SIDE))
@@ -49,14 +61,7 @@ def particle_filter(frames: list[floorprint.Frame], seed: int = 0) -> tuple[Arra
         weights /= weights.sum()
         best = int(weights.argmax())
         trail.append((frame.stamp_s, *poses[best]))
-        # Map, §III.A.2: cells that the best particle's rays end in are occupied, those passed are free.
-        origin, steps = np.array(frame.origin_m), np.linspace(0.0, 1.0, 250, endpoint=False)[:, None, None]
-        for points, change in ((origin + steps * (hits - origin), -1.0), (hits, 5.0)):
-            column, row = cells_of(moved(poses[[best]], points.reshape(-1, 2))[0]).T
-            seen = np.zeros_like(log_odds, dtype=bool)
-            seen[row, column] = True
-            log_odds[seen] += change * np.log(9.0)
-        np.clip(log_odds, -100.0, 100.0, out=log_odds)
+        draw(log_odds, poses[best], frame)
         # Resample, eq. 22: stratified, where few particles have all the weight.
         if 1.0 / (weights**2).sum() < 0.1 * PARTICLES:
             drawn = (np.arange(PARTICLES) + random.random(PARTICLES)) / PARTICLES

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from filter_in_numpy import CELL_M, SIDE, Array, cells_of, moved
+from filter_in_numpy import CELL_M, SIDE, Array, cells_of, draw, moved
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -20,19 +20,6 @@ import floorprint
 
 PARTICLES = 300
 BLUE, RED, GREY = "#2563eb", "#dc2626", "#9ca3af"
-
-
-def drawn(log_odds: Array, poses: Array, frame: floorprint.Frame) -> Array:
-    """The grid after one more scan from each of the poses, §III.A.2 of the report."""
-    hits, origin = np.asarray(frame.hits, dtype=np.float64), np.array(frame.origin_m)
-    along = np.linspace(0.0, 1.0, 400, endpoint=False)[:, None, None]
-    passed = (origin + along * (hits - origin)).reshape(-1, 2)
-    for points, change in ((passed, -1.0), (hits, 4.0 + 1.0)):
-        column, row = cells_of(moved(poses[None], points)[0]).T
-        seen = np.zeros_like(log_odds, dtype=bool)
-        seen[row, column] = True
-        log_odds = log_odds + seen * change * np.log(9.0)
-    return np.clip(log_odds, -100.0, 100.0)
 
 
 def show(axes: Axes, log_odds: Array, around: Array, half_m: float) -> None:
@@ -61,7 +48,9 @@ def frame_and_map(frame: floorprint.Frame, pose: Array, folder: Path) -> None:
     middle.plot(*world.T, ".", color=BLUE, markersize=2)
     middle.plot(*pose[:2], "o", color=RED)
     middle.set(title="world: turned by θ, moved by (x, y)", aspect="equal", xlabel="x, m")
-    show(right, drawn(np.zeros((SIDE, SIDE)), pose, frame), np.array([3.0, 0.5]), 3.6)
+    log_odds = np.zeros((SIDE, SIDE))
+    draw(log_odds, pose, frame)
+    show(right, log_odds, np.array([3.0, 0.5]), 3.6)
     right.set_title("grid: free along each ray, occupied at its end")
     save(figure, folder, "scan.png")
 
@@ -90,7 +79,7 @@ def main(drive: str, out: str) -> None:
     ahead = min(40, len(frames) - since)
     log_odds = np.zeros((SIDE, SIDE))
     for frame in frames[:since]:
-        log_odds = drawn(log_odds, true_pose(frame), frame)
+        draw(log_odds, true_pose(frame), frame)
     random = np.random.default_rng(1)
     poses = np.tile(true_pose(frames[since - 1]), (PARTICLES, 1))
     clouds = [poses.copy()]

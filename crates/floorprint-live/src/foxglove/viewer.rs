@@ -31,6 +31,7 @@ const REQUESTS_PER_S: f64 = 50.0;
 const REQUESTS_AT_ONCE: f64 = 200.0;
 /// Subscriptions and channels of a viewer at most.
 const MOST_SUBSCRIPTIONS: usize = 64;
+const TOO_MUCH: &str = "more requests than 50 a second: good bye; connect again and ask less often";
 /// The topic on which a viewer says where the robot is.
 const INITIAL_POSE: &str = "initialpose";
 
@@ -81,7 +82,7 @@ impl Viewer {
                     let Some(Ok(said)) = said else { return Err(Gone) };
                     heard = Instant::now();
                     if !self.bucket.take() {
-                        self.send(Message::text(warning("that is more than anybody asks: good bye"))).await?;
+                        self.send(Message::text(warning(TOO_MUCH))).await?;
                         return Err(Gone);
                     }
                     self.hear(said).await?;
@@ -124,8 +125,13 @@ impl Viewer {
                     self.poses.retain(|id| !channel_ids.contains(id));
                     Ok(())
                 }
-                Ok(Request::Other) => self.warn("this is not offered here").await,
-                Err(error) => self.warn(&format!("this is not understood: {error}")).await,
+                Ok(Request::Other) => {
+                    self.warn("this is not offered here; there are channels to subscribe to, and /initialpose").await
+                }
+                Err(error) => {
+                    self.warn(&format!("this is not understood; expected a request of Foxglove's protocol: {error}"))
+                        .await
+                }
             },
             Message::Binary(bytes) => {
                 let pose = sent_by_viewer(&bytes).filter(|(channel, _)| self.poses.contains(channel));
@@ -134,7 +140,12 @@ impl Viewer {
                         self.hall.board.inbox.set_start(Start::At(pose));
                         Ok(())
                     }
-                    _ => self.warn("this message is not taken here").await,
+                    _ => {
+                        self.warn(
+                            "this message is not taken; expected a finite PoseWithCovarianceStamped on /initialpose",
+                        )
+                        .await
+                    }
                 }
             }
             Message::Close(_) => Err(Gone),
@@ -146,19 +157,23 @@ impl Viewer {
         if self.place.is_none() {
             self.place = Arc::clone(&self.hall.places).try_acquire_owned().ok();
             if self.place.is_none() {
-                self.warn("there are too many viewers: good bye").await?;
+                self.warn("there are too many viewers; close one of the others and connect again").await?;
                 return Err(Gone);
             }
             self.usage.views();
         }
         for Wanted { id, channel_id } in wanted {
             let Some(topic) = Topic::of(channel_id) else {
-                self.warn(&format!("there is no channel {channel_id}")).await?;
+                self.warn(&format!("there is no channel {channel_id}; the advertisement lists those there are"))
+                    .await?;
                 continue;
             };
             let is_taken = self.subscriptions.iter().any(|subscription| subscription.id == id);
             if is_taken || self.subscriptions.len() >= MOST_SUBSCRIPTIONS {
-                self.warn("this subscription is not taken: its number is in use, or there are too many").await?;
+                self.warn(
+                    "this subscription is not taken: its number is in use, or there are too many; unsubscribe first",
+                )
+                .await?;
                 continue;
             }
             self.subscriptions.push(Subscription { id, topic, sent: None, due: Instant::now() });

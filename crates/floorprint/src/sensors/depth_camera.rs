@@ -13,11 +13,11 @@ pub struct DepthCameraConfig {
     #[serde(default = "usual_noise")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub inverse_depth_noise_per_m: f64,
-    /// Depths outside these limits are not used, metres: nearest.
+    /// Nearest depth that is used, along the optical axis, metres.
     #[serde(default = "usual_nearest")]
     #[schemars(range(min = 0.0))]
     pub depth_min_m: f64,
-    /// Farthest depth that is used, metres.
+    /// Farthest depth that is used, along the optical axis, metres.
     #[serde(default = "usual_farthest")]
     #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub depth_max_m: f64,

@@ -76,7 +76,7 @@ impl FloorMapper {
         if !depth_body_from_color_body.is_finite() {
             return Err(SkipReason::UnknownMotion);
         }
-        let (depth, color) = (&*ideal_depth(depth, &self.camera.depth), &*ideal_color(color, &self.camera.color));
+        let depth = &*ideal_depth(depth, &self.camera.depth);
         let fit = fit_floor(depth, &self.camera, &self.config, self.seed);
         let tilt = fit.as_ref().and_then(|(plane, _)| plane.tilt(&self.camera));
         let camera = self.camera.tilted(&tilt.unwrap_or_default());
@@ -84,6 +84,7 @@ impl FloorMapper {
         if !blocks.any_depth {
             return Err(SkipReason::NoDepth);
         }
+        let color = &*ideal_color(color, &self.camera.color);
         let floor_from_color = camera.color.pixel_from_floor().try_inverse().ok_or(SkipReason::NoFloor)?;
         let layout = self.layout(&camera, &floor_from_color, color).ok_or(SkipReason::NoFloor)?;
         let mut pixels = shrink(color, &layout);
