@@ -14,7 +14,7 @@ use crate::pose_graph::PoseGraph;
 use crate::profiler::{NoProfiler, Phase, Profiler};
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
-use crate::session::{Renderer, Session, SessionError};
+use crate::session::{Renderer, Session, SessionError, SessionMemory};
 use crate::surface::SurfaceScan;
 use nalgebra::Matrix3;
 use std::sync::Arc;
@@ -170,9 +170,7 @@ impl Slam {
             };
             let newest = key_scan.frame;
             session.add_key_scan(key_scan, |frame| poses[frame..=newest].to_vec());
-            if let Some(places) = session.places_mut() {
-                while back_end.work(places) {}
-            }
+            while session.close_loops(&mut back_end) {}
         }
         session.set_front_end(front_end.state().map(FrontEndState::interrupted));
         Self::resume(session, config)
@@ -213,6 +211,12 @@ impl Slam {
         self.session.set_poses(self.settled, &self.front_end.poses_since(self.settled));
         self.session.set_front_end(self.front_end.state());
         &self.session
+    }
+
+    /// Who holds the session's memory now.
+    #[must_use]
+    pub fn memory(&self) -> SessionMemory {
+        self.session.memory()
     }
 
     /// What closing loops works with now, where loops are closed.
@@ -328,8 +332,8 @@ fn remember(
     } else if let Some(points) = points {
         session.add_scan_between(&points);
     }
-    if let (Some(back_end), Some(places)) = (back_end, session.places_mut()) {
-        back_end.work(places);
+    if let Some(back_end) = back_end {
+        session.close_loops(back_end);
     }
     let places = session.places();
     let world_from_odom = session.world_from_odom();

@@ -40,8 +40,9 @@ CREATE TABLE floorprint_state (id INTEGER PRIMARY KEY CHECK (id = 1), format INT
 pub struct SessionFile {
     path: PathBuf,
     connection: Connection,
-    /// How many key scans it holds, and from which frame on poses may still change.
-    scans: usize,
+    /// The frames of the key scans that it holds; `None` before the first save. And from which frame on poses may still
+    /// change.
+    scans: Option<Vec<usize>>,
     settled: usize,
     /// Where it lies until something is saved.
     unborn: Option<Unborn>,
@@ -81,7 +82,7 @@ impl SessionFile {
             Ok(connection)
         };
         let connection = make().map_err(|error| write_error(path, &error))?;
-        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0, unborn: Some(unborn) })
+        Ok(Self { path: path.to_path_buf(), connection, scans: None, settled: 0, unborn: Some(unborn) })
     }
 
     /// Puts the file where it is to be, now that it holds something.
@@ -163,7 +164,7 @@ impl SessionFile {
             }
             _ => return Err(no_session(path)),
         }
-        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0, unborn: None })
+        Ok(Self { path: path.to_path_buf(), connection, scans: None, settled: 0, unborn: None })
     }
 
     /// Where it is.
@@ -195,16 +196,13 @@ impl SessionFile {
             for (row, poses) in rows {
                 insert.execute(params![row as i64, pose_bytes(poses)])?;
             }
-            let mut insert =
-                transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_key_scans VALUES (?1, ?2, ?3, ?4)")?;
-            for (number, scan) in session.scans().iter().enumerate().skip(self.scans) {
-                insert.execute(params![number as i64, scan.frame as i64, scan.is_drawn, scan.points.bytes()])?;
-            }
+            save_key_scans(&transaction, self.scans.as_deref(), session.scans())?;
         }
         transaction
             .execute("INSERT OR REPLACE INTO floorprint_state VALUES (1, ?1, ?2)", params![FORMAT_VERSION, state])?;
         transaction.commit()?;
-        (self.scans, self.settled) = (session.scans().len(), session.settled_frames());
+        self.scans = Some(session.scans().iter().map(|scan| scan.frame).collect());
+        self.settled = session.settled_frames();
         Ok(())
     }
 
@@ -330,6 +328,30 @@ impl SessionFile {
 }
 
 pub use layers::Layers;
+
+/// Brings the table of key scans from what it holds (`before`: their frames; `None` where that is not known) to `scans`.
+/// A key scan's number is that of its frame; in earlier files they were counted.
+fn save_key_scans(connection: &Connection, before: Option<&[usize]>, scans: &[StoredScan]) -> rusqlite::Result<()> {
+    if before.is_none() {
+        connection.execute("DELETE FROM floorprint_key_scans", [])?;
+    }
+    let mut before = before.unwrap_or_default().iter().copied().peekable();
+    let mut remove = connection.prepare_cached("DELETE FROM floorprint_key_scans WHERE number = ?1")?;
+    let mut insert = connection.prepare_cached("INSERT INTO floorprint_key_scans VALUES (?1, ?2, ?3, ?4)")?;
+    for scan in scans {
+        while let Some(gone) = before.next_if(|&frame| frame < scan.frame) {
+            remove.execute([gone as i64])?;
+        }
+        if before.next_if_eq(&scan.frame).is_none() {
+            let frame = scan.frame as i64;
+            insert.execute(params![frame, frame, scan.is_drawn, scan.points.bytes()])?;
+        }
+    }
+    for gone in before {
+        remove.execute([gone as i64])?;
+    }
+    Ok(())
+}
 
 fn refuse_taken(path: &Path) -> Result<(), WriteError> {
     if fs::symlink_metadata(path).is_err() {

@@ -201,7 +201,14 @@ impl BackEnd {
         });
         let known: Vec<(usize, Pose2)> = known.collect();
         let new_share = self.views.new_share(&places.submaps, job.newer, &known, &self.matcher);
-        places.submaps[job.newer].is_known = new_share < NEW_SHARE;
+        let middle = places.submaps[job.newer].middle;
+        let away_m = |(older, older_from_newer): &(usize, Pose2)| {
+            places.submaps[*older].middle.between(&older_from_newer.compose(&middle)).distance()
+        };
+        let nearest = known.iter().min_by(|a, b| away_m(a).total_cmp(&away_m(b))).map(|(older, _)| *older);
+        let is_known = new_share < NEW_SHARE;
+        let newer = &mut places.submaps[job.newer];
+        (newer.is_known, newer.shown_by) = (is_known, nearest.filter(|_| is_known));
         if let Some(past) = job.newer.checked_sub(KEPT_SUBMAPS).filter(|&past| places.submaps[past].is_known) {
             places.submaps[past].forget();
             let long_ago = places.submaps[..past]
@@ -209,6 +216,7 @@ impl BackEnd {
             for hypothesis in &mut places.hypotheses {
                 hypothesis.attach(past, long_ago);
             }
+            places.keep_newest_passes(past, &self.config);
         }
     }
 

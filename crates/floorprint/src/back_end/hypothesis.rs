@@ -182,6 +182,13 @@ impl Hypothesis {
         self.graph.squared_error(factor) < CONFLICT
     }
 
+    /// Bytes that it holds.
+    pub(super) fn held_bytes(&self) -> usize {
+        let graph = size_of_val(self.graph.poses()) + size_of_val(self.graph.between_factors());
+        let numbers = size_of_val(&self.in_play[..]) + size_of_val(&self.constraints[..]);
+        graph + numbers + size_of_val(&self.attached[..]) + size_of_val(&self.past_closures[..])
+    }
+
     /// Whether all numbers name what is there, of so many submaps; else what does not.
     pub(super) fn validate(&self, submaps: usize, comparisons: &[Comparison]) -> Result<(), &'static str> {
         let holds = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(what) };

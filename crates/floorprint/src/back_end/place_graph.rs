@@ -2,7 +2,7 @@
 //! and the hypotheses about how they lie to each other.
 
 use super::hypothesis::{Hypothesis, Kidnapping};
-use super::place_match::Comparison;
+use super::place_match::{Comparison, Placement};
 use super::submap::{Submap, SubmapBuilder};
 use super::uncertainty::Uncertainty;
 use super::{ClosureLoad, ClosureReport, Verdict};
@@ -14,6 +14,7 @@ use crate::surface::{SurfaceScan, Thinning};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The submaps of a drive, the comparisons between them, and the hypotheses that follow.
@@ -28,6 +29,9 @@ pub struct PlaceGraph {
     pub(super) taken: usize,
     /// What is being done about the newest of them.
     pub(super) job: Option<Job>,
+    /// Submaps whose key scans are not wanted any more, as of the last piece of work.
+    #[serde(skip)]
+    pub(super) outdated: Vec<usize>,
     /// How uncertain the heaviest hypothesis is where in the world each submap in play lies.
     #[serde(default)]
     pub(super) in_the_world: Vec<Uncertainty>,
@@ -67,6 +71,7 @@ impl PlaceGraph {
             comparisons: Vec::new(),
             taken: 0,
             job: None,
+            outdated: Vec::new(),
             in_the_world: Vec::new(),
         }
     }
@@ -146,6 +151,8 @@ impl PlaceGraph {
         holds(firsts.is_sorted_by(|a, b| a < b), "submaps do not follow each other")?;
         let are_frames = self.submaps.iter().all(|submap| submap.first < frames && submap.middle_frame < frames);
         holds(are_frames, "a submap names a frame that is not there")?;
+        let are_passes = |submap: &Submap| submap.passes.iter().chain(&submap.shown_by).all(|&other| other < count);
+        holds(self.submaps.iter().all(are_passes), "a pass over a submap is not there")?;
         let is_pair = |comparison: &Comparison| {
             comparison.older < count && comparison.newer < count && !comparison.placements.is_empty()
         };
@@ -218,6 +225,28 @@ impl PlaceGraph {
             interruption: submap.interruption.filter(|_| self.hypotheses[0].is_interrupted(index)).map(|at| at.frame),
         };
         self.submaps.iter().zip(&poses).enumerate().map(anchor).collect()
+    }
+
+    /// The frames, from the first to the one after the last, of submaps whose key scans are not wanted any more since
+    /// this was last asked for.
+    pub(crate) fn take_outdated(&mut self) -> Vec<Range<usize>> {
+        let outdated = std::mem::take(&mut self.outdated);
+        let first = |submap: usize| self.submaps.get(submap).map(|submap| submap.first);
+        let frames = outdated.into_iter().filter_map(|submap| {
+            let end = first(submap + 1).or_else(|| self.open_since())?;
+            Some(first(submap)?..end)
+        });
+        frames.collect()
+    }
+
+    /// Bytes held: by what submaps look like and by what is remembered of each; by the comparisons; by the hypotheses.
+    pub(crate) fn held_bytes(&self) -> [usize; 4] {
+        let looks = self.submaps.iter().map(Submap::held_bytes).sum();
+        let of_comparison =
+            |comparison: &Comparison| size_of::<Comparison>() + comparison.placements.len() * size_of::<Placement>();
+        let comparisons = self.comparisons.iter().map(of_comparison).sum();
+        let hypotheses = self.hypotheses.iter().map(Hypothesis::held_bytes).sum();
+        [looks, self.submaps.len() * size_of::<Submap>(), comparisons, hypotheses]
     }
 
     /// Whether the robot was kidnapped and has not been found again yet.

@@ -2,7 +2,9 @@
 //!
 //! Where such a submap lies on an older one is remembered; those before and after it are connected to the older one instead.
 
+use super::LoopClosureConfig;
 use super::hypothesis::{Attached, Closure, Constraint, Hypothesis};
+use super::place_graph::PlaceGraph;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::{inverse, symmetric};
 use crate::pose_graph::{BetweenFactor, PoseGraph, PriorFactor, RobustKernel};
@@ -45,13 +47,66 @@ impl Motion {
     }
 }
 
+impl PlaceGraph {
+    /// Takes a submap that was forgotten for one more pass over the one that shows what it shows. Where there are too many
+    /// of those the oldest are not wanted any more: the key scans are the session's to forget, the comparisons are forgotten.
+    pub(super) fn keep_newest_passes(&mut self, past: usize, config: &LoopClosureConfig) {
+        let Some(home) = self.submaps[past].shown_by else { return };
+        self.submaps[home].passes.push(past);
+        // Who is lost may yet turn out to have been elsewhere.
+        if self.is_lost() {
+            return;
+        }
+        while let Some(&oldest) = self.submaps[home].passes.first() {
+            let is_long_ago = self.is_long_before(&self.submaps[oldest], past, config.window_m);
+            if self.submaps[home].passes.len() <= config.passes_kept || !is_long_ago {
+                return;
+            }
+            self.submaps[home].passes.remove(0);
+            if !self.hypotheses.iter().any(|hypothesis| hypothesis.breaks_at(oldest)) {
+                self.outdated.push(oldest);
+                self.forget_comparisons(oldest);
+            }
+        }
+    }
+
+    /// Forgets what a submap was compared with when it was new, unless it may still decide something.
+    fn forget_comparisons(&mut self, submap: usize) {
+        let first = self.comparisons.partition_point(|comparison| comparison.newer < submap);
+        let end = self.comparisons.partition_point(|comparison| comparison.newer <= submap);
+        let forgotten = first..end;
+        let is_needed = |hypothesis: &Hypothesis| {
+            hypothesis.constraints.iter().any(|constraint| forgotten.contains(&constraint.comparison))
+        };
+        if self.hypotheses.iter().any(is_needed) {
+            return;
+        }
+        let renumber = |comparison: &mut usize| {
+            if *comparison >= end {
+                *comparison -= end - first;
+            }
+        };
+        for hypothesis in &mut self.hypotheses {
+            hypothesis.past_closures.retain(|closure| !forgotten.contains(&closure.comparison));
+            hypothesis.past_closures.iter_mut().for_each(|closure| renumber(&mut closure.comparison));
+            hypothesis.constraints.iter_mut().for_each(|constraint| renumber(&mut constraint.comparison));
+        }
+        self.comparisons.drain(forgotten.clone());
+    }
+}
+
 impl Hypothesis {
+    /// Whether the drive may have been interrupted right before or after a submap.
+    fn breaks_at(&self, submap: usize) -> bool {
+        self.breaks.iter().any(|at| at.submap == submap || at.submap == submap + 1)
+    }
+
     /// Takes a submap that lies on an older one out of the graph. Leaves the graph as it is where the hypothesis does not
     /// hold the submap for recognised on one of the first `long_ago`, or where few recognised that one before.
     pub fn attach(&mut self, submap: usize, long_ago: usize) {
         let Some(node) = self.node_of(submap) else { return };
         // Where the drive was interrupted the way there is not known, or not yet.
-        if self.breaks.iter().any(|at| at.submap == submap || at.submap == submap + 1) {
+        if self.breaks_at(submap) {
             return;
         }
         let next = self.links().find(|link| link.from == node && link.to == node + 1);

@@ -2,6 +2,7 @@
 //! can be had of it at any time, and a drive can be gone on with.
 
 mod edit;
+mod memory;
 mod refinement;
 mod renderer;
 #[expect(clippy::module_inception, reason = "one type a file, named after it")]
@@ -9,6 +10,7 @@ mod session;
 mod trajectory;
 
 pub use edit::Region;
-pub use renderer::Renderer;
+pub use memory::SessionMemory;
+pub use renderer::{RenderedScan, Renderer};
 pub use session::{Session, SessionError, SessionState, StoredScan};
 pub use trajectory::corrected_poses;

@@ -167,6 +167,11 @@ impl Session {
         &self.poses
     }
 
+    /// Bytes that scans between key scans take.
+    pub(super) fn bytes_between(&self) -> usize {
+        self.between.bytes + self.between.scans.len() * size_of::<(usize, CompactScan)>()
+    }
+
     pub(crate) fn front_end(&self) -> Option<&FrontEndState> {
         self.front_end.as_ref()
     }
@@ -241,10 +246,6 @@ impl Session {
         self.places.as_ref()
     }
 
-    pub(crate) fn places_mut(&mut self) -> Option<&mut PlaceGraph> {
-        self.places.as_mut()
-    }
-
     /// Appends a frame's pose, `odom_from_body`.
     pub fn push(&mut self, pose: StampedPose) {
         self.poses.push(pose);
@@ -283,6 +284,18 @@ impl Session {
         self.places.as_mut().is_some_and(|places| places.add(key_scan, poses_since))
     }
 
+    /// Lets the back end do one piece of its work, and forgets the key scans that it has no use for any more; tells
+    /// whether there was any work.
+    pub(crate) fn close_loops(&mut self, back_end: &mut BackEnd) -> bool {
+        let Some(places) = &mut self.places else { return false };
+        let has_worked = back_end.work(places);
+        for frames in places.take_outdated() {
+            let at = |frame: usize| self.scans.partition_point(|scan| scan.frame < frame);
+            self.scans.drain(at(frames.start)..at(frames.end));
+        }
+        has_worked
+    }
+
     /// Where the frames' poses are known in the world.
     fn anchors(&self) -> Vec<Anchor> {
         let submaps = self.places().map(PlaceGraph::anchors).unwrap_or_default();
@@ -290,11 +303,16 @@ impl Session {
         if refined.is_empty() {
             return submaps;
         }
-        let interruption = |frame: usize| {
-            let submap = submaps.binary_search_by_key(&frame, |anchor| anchor.frame).ok()?;
-            submaps[submap].interruption
-        };
-        refined.iter().map(|&(frame, pose)| Anchor { frame, pose, interruption: interruption(frame) }).collect()
+        // Submaps whose key scans were forgotten have no refined poses.
+        let mut submaps = submaps.into_iter().peekable();
+        let mut anchors = Vec::with_capacity(refined.len());
+        for &(frame, pose) in refined {
+            anchors.extend(std::iter::from_fn(|| submaps.next_if(|submap| submap.frame < frame)));
+            let interruption = submaps.next_if(|submap| submap.frame == frame).and_then(|submap| submap.interruption);
+            anchors.push(Anchor { frame, pose, interruption });
+        }
+        anchors.extend(submaps);
+        anchors
     }
 
     /// The poses of all frames, world from body; the first is the identity unless the session was moved.
@@ -341,8 +359,8 @@ impl Session {
     /// The same along other poses of the frames, world from body.
     pub fn draw_along<'a>(&self, world_from_bodies: &[Pose2], renderer: &'a mut Renderer) -> &'a OccupancyGrid {
         let drawn = self.scans.iter().filter(|scan| scan.is_drawn && scan.frame < world_from_bodies.len());
-        let (scans, poses): (Vec<_>, Vec<_>) = drawn.map(|scan| (&scan.points, world_from_bodies[scan.frame])).unzip();
-        renderer.draw(&scans, &poses)
+        let drawn: Vec<_> = drawn.map(|scan| (scan.frame, &scan.points, world_from_bodies[scan.frame])).collect();
+        renderer.draw(&drawn)
     }
 
     /// The occupancy grid, drawn from nothing.
@@ -358,6 +376,8 @@ impl Session {
         let Some(places) = &self.places else { return };
         let mut places = places.clone();
         back_end.finish(&mut places);
+        // The drive may go on from before: its end forgets no key scans.
+        let _ = places.take_outdated();
         self.finished = Some(Finished { places, refined: Vec::new() });
         if refinements == 0 {
             return;
