@@ -128,7 +128,7 @@ impl Slam {
         let scans = session.scans();
         let window: Vec<_> =
             scans[scans.len() - state.window_scans()..].iter().map(|scan| scan.points.clone()).collect();
-        let filter = ParticleFilter::resume(config, state, &window, settled, &session.poses()[settled..]);
+        let filter = ParticleFilter::resume(config, state, &window, settled, &session.poses_since(settled));
         let mut slam = Self { front_end: FrontEnd::RaoBlackwellized(filter), session, settled, ..fresh };
         slam.session.reopen();
         Ok(slam)
@@ -150,7 +150,7 @@ impl Slam {
         let Self { front_end, mut session, back_end, .. } = self;
         let mut back_end = back_end.ok_or(SessionError("loops are not closed, so that nothing can be placed"))?;
         let offset = session.frames();
-        let start = session.poses().last().map_or(Pose2::IDENTITY, |last| last.pose);
+        let start = session.last_pose().map_or(Pose2::IDENTITY, |last| last.pose);
         let mut poses: Vec<Pose2> = session.poses().iter().map(|stamped| stamped.pose).collect();
         for (stamped, pose) in other.poses().iter().zip(other.world_from_bodies()) {
             poses.push(start.compose(&pose));

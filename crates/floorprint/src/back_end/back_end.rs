@@ -13,6 +13,7 @@ use super::view_cache::ViewCache;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::scan_matcher::MatcherConfig;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Closes loops while the drive goes on.
 #[derive(Debug)]
@@ -207,10 +208,10 @@ impl BackEnd {
         };
         let nearest = known.iter().min_by(|a, b| away_m(a).total_cmp(&away_m(b))).map(|(older, _)| *older);
         let is_known = new_share < NEW_SHARE;
-        let newer = &mut places.submaps[job.newer];
+        let newer = Arc::make_mut(&mut places.submaps[job.newer]);
         (newer.is_known, newer.shown_by) = (is_known, nearest.filter(|_| is_known));
         if let Some(past) = job.newer.checked_sub(KEPT_SUBMAPS).filter(|&past| places.submaps[past].is_known) {
-            places.submaps[past].forget();
+            Arc::make_mut(&mut places.submaps[past]).forget();
             let long_ago = places.submaps[..past]
                 .partition_point(|older| places.is_long_before(older, past, self.config.window_m));
             for hypothesis in &mut places.hypotheses {
@@ -223,7 +224,7 @@ impl BackEnd {
     /// Does what is left of the work: the drive ends here.
     pub fn finish(mut self, places: &mut PlaceGraph) {
         let last = places.builder.finish();
-        places.submaps.extend(last);
+        places.submaps.extend(last.map(Arc::new));
         while self.work(places) {}
         let PlaceGraph { submaps, hypotheses, comparisons, .. } = places;
         let best = &mut hypotheses[0];

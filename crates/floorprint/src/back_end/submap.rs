@@ -1,5 +1,6 @@
 //! Submaps: pieces of a drive short enough to be right in themselves (Hess et al. 2016).
 
+use super::hypothesis::Attached;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::in_frame_of;
 use crate::key_scan::{Drift, Interruption, KeyScan};
@@ -43,6 +44,9 @@ pub struct Submap {
     /// Of the submaps that show only what this one shows those whose key scans are kept, the oldest first.
     #[serde(default)]
     pub passes: Vec<usize>,
+    /// Where it lies, once all hypotheses have it on the same older submap and its key scans are forgotten.
+    #[serde(default)]
+    pub(super) attached: Option<Attached>,
     /// Whether what it looks like was forgotten since.
     pub is_forgotten: bool,
     /// What the first, the middle and the last key scan had in view, in the submap's frame.
@@ -197,6 +201,7 @@ impl SubmapBuilder {
             is_known: false,
             shown_by: None,
             passes: Vec::new(),
+            attached: None,
             is_forgotten: false,
             surfaces: Arc::default(),
             probe: SurfaceScan::default(),

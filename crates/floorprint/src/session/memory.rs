@@ -3,7 +3,6 @@
 use super::Session;
 use super::session::StoredScan;
 use crate::back_end::PlaceGraph;
-use crate::sensors::StampedPose;
 
 /// Bytes that a session holds, by what they are for. Copies of a session share most of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -41,7 +40,7 @@ impl Session {
         let key_scans = self.scans().iter().map(|scan| size_of::<StoredScan>() + scan.points.bytes().len());
         let [looks, submaps, comparisons, hypotheses] = self.places().map(PlaceGraph::held_bytes).unwrap_or_default();
         SessionMemory {
-            trajectory: self.frames() * size_of::<StampedPose>(),
+            trajectory: self.bytes_of_poses(),
             key_scans: key_scans.sum(),
             scans_between: self.bytes_between(),
             looks,

@@ -3,6 +3,7 @@
 
 mod edit;
 mod memory;
+mod pose_log;
 mod refinement;
 mod renderer;
 #[expect(clippy::module_inception, reason = "one type a file, named after it")]
@@ -11,6 +12,9 @@ mod trajectory;
 
 pub use edit::Region;
 pub use memory::SessionMemory;
+pub use pose_log::{POSES_PER_BLOCK, pack_poses, unpack_poses};
 pub use renderer::{RenderedScan, Renderer};
 pub use session::{Session, SessionError, SessionState, StoredScan};
-pub use trajectory::corrected_poses;
+pub use trajectory::correct_poses;
+#[cfg(test)]
+pub(crate) use trajectory::corrected_poses;
