@@ -1,16 +1,22 @@
 //! Drives a log to and fro, again and again, and says what a scan costs the filter and how much memory it holds:
 //! `cargo run --release -p floorprint-cli --example soak -- LOG [DRIVES]`.
 //!
-//! The way back is the log's scans in reverse order with inverted motions. Loops are closed on the way, as on a live robot;
-//! from drive to drive only the trajectory and the pose graph grow.
+//! The way back is the log's scans in reverse order with inverted motions. Loops are closed on the way, as on a live robot.
+//! Tells after each drive who holds the session's memory, and what it takes to save it after a second more.
 
 use anyhow::Context;
+use floorprint::back_end::ClosureLoad;
+use floorprint::geometry::Pose2;
 use floorprint::{Config, Frame, Frames, Slam};
-use floorprint_io::OpenOptions;
+use floorprint_io::{OpenOptions, SessionFile};
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
 use std::io::Write;
 use std::path::Path;
+use std::time::Instant;
+
+/// The session is read back after each so many drives.
+const LOADED_EVERY: usize = 10;
 
 fn cpu_s() -> anyhow::Result<f64> {
     let usage = getrusage(UsageWho::RUSAGE_SELF)?;
@@ -32,8 +38,15 @@ fn main() -> anyhow::Result<()> {
     let config = Config::resolve(&[floorprint::config::Layer::from_robot(&data_set.robot)])?;
     let forward: Vec<Frame> = Frames::new(&data_set.records, &config)?.iter().collect();
     let mut slam = Slam::new(&config);
+    let path = std::env::temp_dir().join(format!("soak-{}.gpkg", std::process::id()));
+    let mut file = SessionFile::create(&path)?;
     let mut out = std::io::stdout().lock();
-    writeln!(out, "drive  µs/scan  memory MB  submaps  nodes  factors")?;
+    writeln!(
+        out,
+        "drive     km  µs/scan  memory MB | MB of: poses  key scans  between  looks  submaps  comparisons  hypotheses \
+         | submaps  nodes  factors | save ms  file MB  load s"
+    )?;
+    let mut length_m = 0.0;
     for drive in 0..drives {
         let before_s = cpu_s()?;
         for k in 0..forward.len() {
@@ -44,14 +57,40 @@ fn main() -> anyhow::Result<()> {
             }
             if k == 0 && drive > 0 {
                 // A turning point is seen twice from the same place.
-                frame.motion = Some(floorprint::geometry::Pose2::IDENTITY);
+                frame.motion = Some(Pose2::IDENTITY);
             }
+            length_m += frame.motion.map_or(0.0, |step| step.distance());
             slam.process(&frame)?;
         }
         let scan_us = (cpu_s()? - before_s) / forward.len() as f64 * 1e6;
         let (held_mb, load) = (memory_mb().unwrap_or(f64::NAN), slam.closure_load().context("loops are not closed")?);
-        let (submaps, nodes, factors) = (load.submaps, load.nodes, load.factors);
-        writeln!(out, "{drive:5}  {scan_us:7.1}  {held_mb:9.1}  {submaps:7}  {nodes:5}  {factors:7}")?;
+        let ClosureLoad { submaps, nodes, factors } = load;
+        let of = slam.memory();
+        let [poses, key_scans, between, looks, records, comparisons, hypotheses] =
+            [of.trajectory, of.key_scans, of.scans_between, of.looks, of.submaps, of.comparisons, of.hypotheses]
+                .map(|bytes| bytes as f64 * 1e-6);
+        // Once to bring the file up to date: what counts is the next save, a second of driving later.
+        file.save(slam.session(), &config.matcher)?;
+        let end = if drive % 2 == 0 { forward.len() - 1 } else { 0 };
+        for _ in 0..10 {
+            slam.process(&Frame { motion: Some(Pose2::IDENTITY), ..forward[end].clone() })?;
+        }
+        let started = Instant::now();
+        file.save(slam.session(), &config.matcher)?;
+        let save_ms = started.elapsed().as_secs_f64() * 1e3;
+        let file_mb = std::fs::metadata(&path)?.len() as f64 * 1e-6;
+        let started = Instant::now();
+        let is_loaded = (drive + 1) % LOADED_EVERY == 0;
+        let load_s =
+            if is_loaded { SessionFile::read(&path).map(|_| started.elapsed().as_secs_f64())? } else { f64::NAN };
+        writeln!(
+            out,
+            "{drive:5}  {:5.1}  {scan_us:7.1}  {held_mb:9.1} | {poses:12.1}  {key_scans:9.1}  {between:7.1}  {looks:5.1}  \
+             {records:7.2}  {comparisons:11.2}  {hypotheses:10.2} | {submaps:7}  {nodes:5}  {factors:7} | {save_ms:7.1}  \
+             {file_mb:7.1}  {load_s:6.2}",
+            length_m * 1e-3
+        )?;
     }
-    Ok(())
+    drop(file);
+    Ok(std::fs::remove_file(&path)?)
 }

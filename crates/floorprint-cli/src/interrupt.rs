@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 /// Whether the user has asked to stop.
 #[derive(Debug, Clone, Default)]
@@ -13,6 +14,8 @@ pub(crate) struct Interrupt(Arc<State>);
 #[derive(Debug, Default)]
 struct State {
     requested: AtomicBool,
+    /// When that was.
+    since: OnceLock<Instant>,
     unfinished: OnceLock<PathBuf>,
     is_finishing: AtomicBool,
     waker: Waker,
@@ -75,7 +78,13 @@ impl Interrupt {
             }
             std::process::exit(130);
         }
+        let _ = self.0.since.set(Instant::now());
         self.wake();
+    }
+
+    /// How long ago the user asked to stop; none if he did not.
+    pub(crate) fn elapsed(&self) -> Duration {
+        self.0.since.get().map_or(Duration::ZERO, Instant::elapsed)
     }
 
     /// Whether to stop.

@@ -42,7 +42,7 @@ pub fn resume(
     first_stamp_s: f64,
     config: &Config,
 ) -> Result<Slam, SessionError> {
-    let pause_s = session.poses().last().map(|last| first_stamp_s - last.stamp_s);
+    let pause_s = session.last_pose().map(|last| first_stamp_s - last.stamp_s);
     let goes_on = match whereabouts {
         Whereabouts::Last => true,
         Whereabouts::Unknown => false,

@@ -14,7 +14,7 @@ use crate::pose_graph::PoseGraph;
 use crate::profiler::{NoProfiler, Phase, Profiler};
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
-use crate::session::{Renderer, Session, SessionError};
+use crate::session::{Renderer, Session, SessionError, SessionMemory};
 use crate::surface::SurfaceScan;
 use nalgebra::Matrix3;
 use std::sync::Arc;
@@ -128,7 +128,7 @@ impl Slam {
         let scans = session.scans();
         let window: Vec<_> =
             scans[scans.len() - state.window_scans()..].iter().map(|scan| scan.points.clone()).collect();
-        let filter = ParticleFilter::resume(config, state, &window, settled, &session.poses()[settled..]);
+        let filter = ParticleFilter::resume(config, state, &window, settled, &session.poses_since(settled));
         let mut slam = Self { front_end: FrontEnd::RaoBlackwellized(filter), session, settled, ..fresh };
         slam.session.reopen();
         Ok(slam)
@@ -150,7 +150,7 @@ impl Slam {
         let Self { front_end, mut session, back_end, .. } = self;
         let mut back_end = back_end.ok_or(SessionError("loops are not closed, so that nothing can be placed"))?;
         let offset = session.frames();
-        let start = session.poses().last().map_or(Pose2::IDENTITY, |last| last.pose);
+        let start = session.last_pose().map_or(Pose2::IDENTITY, |last| last.pose);
         let mut poses: Vec<Pose2> = session.poses().iter().map(|stamped| stamped.pose).collect();
         for (stamped, pose) in other.poses().iter().zip(other.world_from_bodies()) {
             poses.push(start.compose(&pose));
@@ -170,9 +170,7 @@ impl Slam {
             };
             let newest = key_scan.frame;
             session.add_key_scan(key_scan, |frame| poses[frame..=newest].to_vec());
-            if let Some(places) = session.places_mut() {
-                while back_end.work(places) {}
-            }
+            while session.close_loops(&mut back_end) {}
         }
         session.set_front_end(front_end.state().map(FrontEndState::interrupted));
         Self::resume(session, config)
@@ -213,6 +211,12 @@ impl Slam {
         self.session.set_poses(self.settled, &self.front_end.poses_since(self.settled));
         self.session.set_front_end(self.front_end.state());
         &self.session
+    }
+
+    /// Who holds the session's memory now.
+    #[must_use]
+    pub fn memory(&self) -> SessionMemory {
+        self.session.memory()
     }
 
     /// What closing loops works with now, where loops are closed.
@@ -328,8 +332,8 @@ fn remember(
     } else if let Some(points) = points {
         session.add_scan_between(&points);
     }
-    if let (Some(back_end), Some(places)) = (back_end, session.places_mut()) {
-        back_end.work(places);
+    if let Some(back_end) = back_end {
+        session.close_loops(back_end);
     }
     let places = session.places();
     let world_from_odom = session.world_from_odom();

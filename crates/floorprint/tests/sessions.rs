@@ -8,7 +8,7 @@ use floorprint::config::Layer;
 use floorprint::geometry::{Polygon, Pose2};
 use floorprint::map::{Occupancy, Raster, difference};
 use floorprint::sensors::RobotConfig;
-use floorprint::session::{Region, Session};
+use floorprint::session::{Region, Session, SessionMemory};
 use floorprint::simulator::{SimulatedDrive, World, simulate};
 use floorprint::{Config, Frame, Frames, Slam, SlamResult};
 use simulation::quick;
@@ -174,4 +174,51 @@ fn a_session_is_turned_to_its_walls_and_goes_on_turned() {
     let last = result.trajectory.last().unwrap();
     let true_pose = turn.compose(&drive.simulated.true_pose(last.stamp_s));
     assert!(true_pose.between(&last.pose).distance() < 0.1);
+}
+
+/// The drive to and fro, so many times: the way back is its scans in reverse order with inverted motions.
+fn to_and_fro(frames: &[Frame], times: usize) -> impl Iterator<Item = Frame> {
+    let back = frames.iter().enumerate().rev().map(|(k, frame)| {
+        let motion = frames.get(k + 1).map_or(Some(Pose2::IDENTITY), |next| next.motion.map(|step| step.inverse()));
+        Frame { motion, ..frame.clone() }
+    });
+    let there = frames.iter().enumerate().map(|(k, frame)| {
+        let motion = if k == 0 { Some(Pose2::IDENTITY) } else { frame.motion };
+        Frame { motion, ..frame.clone() }
+    });
+    let trip: Vec<Frame> = there.chain(back).collect();
+    (0..times).flat_map(move |_| trip.clone())
+}
+
+#[test]
+fn a_session_grows_with_the_area_and_not_with_the_distance() {
+    let mut drive = Drive::new("rooms", 1);
+    drive.config.loop_closure.passes_kept = 2;
+    let mut slam = Slam::new(&drive.config);
+    let mut sizes = Vec::new();
+    for _ in 0..4 {
+        for frame in to_and_fro(&drive.frames, 3) {
+            slam.process(&frame).unwrap();
+        }
+        sizes.push(slam.memory());
+    }
+    let growth = |of: fn(&SessionMemory) -> usize| of(&sizes[3]) as f64 / of(&sizes[1]) as f64;
+    assert!(growth(|memory| memory.trajectory) > 1.5, "{sizes:?}");
+    assert!(growth(|memory| memory.key_scans) < 1.1, "{sizes:?}");
+    assert!(growth(|memory| memory.looks) < 1.1, "{sizes:?}");
+    assert!(growth(|memory| memory.comparisons) < 1.1, "{sizes:?}");
+    // What was forgotten is missed neither by the map nor by the trajectory, nor by who goes on.
+    let drawn = slam.map().to_raster().unwrap();
+    let session = drive.restored(slam.session());
+    let fresh = session.map().to_raster().unwrap();
+    let differs = (0..drawn.cells.len()).filter(|&cell| fresh.at(drawn.center_m(cell)) != Some(&drawn.cells[cell]));
+    assert!(differs.count() * 100 < drawn.cells.len());
+    let stamps: Vec<f64> = to_and_fro(&drive.frames, 12).map(|frame| frame.stamp_s).collect();
+    for result in [slam.finish(), Slam::resume(session, &drive.config).unwrap().finish()] {
+        assert_eq!(result.trajectory.len(), stamps.len());
+        for (frame, (pose, stamp_s)) in result.trajectory.iter().zip(&stamps).enumerate() {
+            let error_m = drive.simulated.true_pose(*stamp_s).between(&pose.pose).distance();
+            assert!(error_m < 0.15, "{error_m} m at frame {frame}");
+        }
+    }
 }

@@ -73,6 +73,10 @@ impl<'a> Housekeeper<'a> {
                 if let Some(keeper) = &mut keeper {
                     keeper.observe_session(&session, &self.config.matcher);
                 }
+                // Who wants an end does not wait for a picture.
+                if self.lock().is_over {
+                    return keeper;
+                }
                 picture = next_picture(&picture, &session, &mut renderer);
                 self.board.show_picture(picture.clone());
             }
@@ -88,8 +92,8 @@ impl<'a> Housekeeper<'a> {
 /// What there is to see of a session, drawn after what was seen of it before.
 pub(crate) fn next_picture(before: &Picture, session: &Session, renderer: &mut Renderer) -> Picture {
     let revision = before.revision + 1;
-    let map = before.map.followed_by(session.draw(renderer), revision);
     let poses = session.world_from_bodies();
+    let map = before.map.followed_by(session.draw_along(&poses, renderer), revision);
     let at = |frame: usize| poses.get(frame).map(|pose| [pose.x as f32, pose.y as f32]);
     let every = poses.len().div_ceil(MOST_POINTS).max(1);
     let mut trajectory: Line = (0..poses.len()).step_by(every).filter_map(at).collect();

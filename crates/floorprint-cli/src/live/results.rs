@@ -13,7 +13,8 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-/// Who asks to end gets an end within a second: closing the last loops may take so much of it.
+/// Who asks to end gets an end within a second: the last loops are to be closed so long after that. What is left is for
+/// writing the results.
 const LAST_LOOPS: Duration = Duration::from_millis(500);
 
 /// The folder of the results.
@@ -95,7 +96,8 @@ pub(super) fn end(
         None => End::Localized,
         Some(slam) if interrupt.requested() => {
             let map = || board.picture().map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
-            finish_in_time(slam).map_or_else(|| End::Broken(trajectory.unwrap_or_default(), map()), End::Finished)
+            finish_in_time(slam, LAST_LOOPS.saturating_sub(interrupt.elapsed()))
+                .map_or_else(|| End::Broken(trajectory.unwrap_or_default(), map()), End::Finished)
         }
         Some(slam) => End::Finished(Box::new(slam.finish())),
     };
@@ -152,9 +154,12 @@ pub(super) fn end(
 }
 
 /// Closes the last loops, if that does not take too long.
-fn finish_in_time(slam: Slam) -> Option<Box<SlamResult>> {
+fn finish_in_time(slam: Slam, most: Duration) -> Option<Box<SlamResult>> {
+    if most.is_zero() {
+        return None;
+    }
     let (done, wait) = channel();
     // What is not done in time ends with the process.
     std::thread::spawn(move || done.send(Box::new(slam.finish())));
-    wait.recv_timeout(LAST_LOOPS).ok()
+    wait.recv_timeout(most).ok()
 }

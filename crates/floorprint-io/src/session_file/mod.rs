@@ -6,33 +6,44 @@
 
 mod geopackage;
 mod layers;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{Problem, ReadError, WriteError};
 use crate::replace::{hidden, sibling, sync_folder};
 use floorprint::CompactScan;
+use floorprint::back_end::Submap;
 use floorprint::geometry::Pose2;
 use floorprint::scan_matcher::MatcherConfig;
 use floorprint::sensors::StampedPose;
-use floorprint::session::{Session, SessionState, StoredScan};
+use floorprint::session::{POSES_PER_BLOCK, Session, SessionState, StoredScan, unpack_poses};
 use floorprint::texture::TextureMap;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The version of the tables; later versions read the files of all earlier ones.
-const FORMAT_VERSION: i64 = 1;
-/// Poses are stored in rows of so many.
-const POSES_PER_ROW: usize = 1024;
-/// Bytes of a pose: stamp, x, y, θ.
+const FORMAT_VERSION: i64 = 2;
+/// Bytes of a pose in files of version 1: stamp, x, y, θ.
 const POSE_BYTES: usize = 32;
 
 const TABLES: &str = "
 CREATE TABLE floorprint_meta (key TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE floorprint_poses (row INTEGER PRIMARY KEY, poses BLOB NOT NULL);
 CREATE TABLE floorprint_key_scans (
     number INTEGER PRIMARY KEY, frame INTEGER NOT NULL, is_drawn INTEGER NOT NULL, points BLOB NOT NULL);
 CREATE TABLE floorprint_state (id INTEGER PRIMARY KEY CHECK (id = 1), format INTEGER NOT NULL, value BLOB NOT NULL);
+";
+
+/// What came with version 2: poses in packed blocks (`floorprint::session::pack_poses`), and submaps one by one, so that a save
+/// writes what changed since the one before. Version 1 has `floorprint_poses`, and the submaps in the state.
+const TABLES_OF_VERSION_2: &str = "
+DROP TABLE IF EXISTS floorprint_poses;
+CREATE TABLE IF NOT EXISTS floorprint_packed_poses (block INTEGER PRIMARY KEY, poses BLOB NOT NULL);
+CREATE TABLE IF NOT EXISTS floorprint_submaps (number INTEGER PRIMARY KEY, value BLOB NOT NULL);
+UPDATE floorprint_meta SET value = '2' WHERE key = 'format';
 ";
 
 /// A session's file, open.
@@ -40,11 +51,22 @@ CREATE TABLE floorprint_state (id INTEGER PRIMARY KEY CHECK (id = 1), format INT
 pub struct SessionFile {
     path: PathBuf,
     connection: Connection,
-    /// How many key scans it holds, and from which frame on poses may still change.
-    scans: usize,
-    settled: usize,
+    /// The version of its tables.
+    version: i64,
+    /// What it holds; `None` before the first save.
+    saved: Option<Saved>,
     /// Where it lies until something is saved.
     unborn: Option<Unborn>,
+}
+
+/// What a file holds.
+#[derive(Debug, Default)]
+struct Saved {
+    /// Frames whose poses do not change any more.
+    settled: usize,
+    /// The frames of the key scans.
+    scans: Vec<usize>,
+    submaps: Vec<Arc<Submap>>,
 }
 
 /// A file in which nothing is saved yet: hidden, and removed when it comes to nothing.
@@ -81,7 +103,7 @@ impl SessionFile {
             Ok(connection)
         };
         let connection = make().map_err(|error| write_error(path, &error))?;
-        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0, unborn: Some(unborn) })
+        Ok(Self { path: path.to_path_buf(), connection, version: FORMAT_VERSION, saved: None, unborn: Some(unborn) })
     }
 
     /// Puts the file where it is to be, now that it holds something.
@@ -155,15 +177,15 @@ impl SessionFile {
         };
         let connection = Connection::open_with_flags(path, flags).map_err(|error| read_error(path, &error))?;
         let version = format(&connection).map_err(|error| read_error(path, &error))?;
-        match version.as_deref().map(str::parse::<i64>) {
-            Some(Ok(1..=FORMAT_VERSION)) => {}
+        let version = match version.as_deref().map(str::parse::<i64>) {
+            Some(Ok(version @ 1..=FORMAT_VERSION)) => version,
             Some(Ok(version)) => {
                 let found = format!("a session of version {version}, written by a newer floorprint");
                 return Err(Problem::new(path, found).advice("Use that version or a later one").into());
             }
             _ => return Err(no_session(path)),
-        }
-        Ok(Self { path: path.to_path_buf(), connection, scans: 0, settled: 0, unborn: None })
+        };
+        Ok(Self { path: path.to_path_buf(), connection, version, saved: None, unborn: None })
     }
 
     /// Where it is.
@@ -183,28 +205,31 @@ impl SessionFile {
     }
 
     fn append(&mut self, session: &Session, matcher: &MatcherConfig) -> rusqlite::Result<()> {
-        let encode = |state: &SessionState| {
-            rmp_serde::to_vec_named(state).map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))
-        };
         let state = encode(&session.state(matcher))?;
         let transaction = self.connection.transaction()?;
-        let first_row = self.settled / POSES_PER_ROW;
-        let rows = session.poses().chunks(POSES_PER_ROW).enumerate().skip(first_row);
+        let is_first = self.saved.is_none();
+        if is_first {
+            transaction.execute_batch(TABLES_OF_VERSION_2)?;
+        }
+        let saved = self.saved.take().unwrap_or_default();
         {
-            let mut insert = transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_poses VALUES (?1, ?2)")?;
-            for (row, poses) in rows {
-                insert.execute(params![row as i64, pose_bytes(poses)])?;
-            }
             let mut insert =
-                transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_key_scans VALUES (?1, ?2, ?3, ?4)")?;
-            for (number, scan) in session.scans().iter().enumerate().skip(self.scans) {
-                insert.execute(params![number as i64, scan.frame as i64, scan.is_drawn, scan.points.bytes()])?;
+                transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_packed_poses VALUES (?1, ?2)")?;
+            for block in saved.settled / POSES_PER_BLOCK..session.frames().div_ceil(POSES_PER_BLOCK) {
+                insert.execute(params![block as i64, &session.packed_poses(block)[..]])?;
             }
         }
+        save_key_scans(&transaction, is_first, &saved.scans, session.scans())?;
+        save_submaps(&transaction, is_first, &saved.submaps, session.submaps())?;
         transaction
             .execute("INSERT OR REPLACE INTO floorprint_state VALUES (1, ?1, ?2)", params![FORMAT_VERSION, state])?;
         transaction.commit()?;
-        (self.scans, self.settled) = (session.scans().len(), session.settled_frames());
+        self.version = FORMAT_VERSION;
+        self.saved = Some(Saved {
+            settled: session.settled_frames(),
+            scans: session.scans().iter().map(|scan| scan.frame).collect(),
+            submaps: session.submaps().to_vec(),
+        });
         Ok(())
     }
 
@@ -246,19 +271,42 @@ impl SessionFile {
             Problem::new(&self.path, what).expected("a whole session").advice("Take an earlier copy of it").into()
         };
         let value = value.ok_or_else(|| damaged("nothing was saved in it yet".to_owned()))?;
-        let state: SessionState =
+        let mut state: SessionState =
             rmp_serde::from_slice(&value).map_err(|error| damaged(format!("its state is damaged: {error}")))?;
-        let poses = self.poses().map_err(sql)?.ok_or_else(|| damaged("its poses are damaged".to_owned()))?;
+        let poses = if self.version == 1 { self.poses_of_version_1() } else { self.poses() };
+        let poses = poses.map_err(sql)?.ok_or_else(|| damaged("its poses are damaged".to_owned()))?;
+        if self.version > 1 {
+            let submaps = self.submaps().map_err(sql)?;
+            state.set_submaps(submaps.map_err(|error| damaged(format!("its submaps are damaged: {error}")))?);
+        }
         let scans = self.key_scans().map_err(sql)?.ok_or_else(|| damaged("its key scans are damaged".to_owned()))?;
         Session::restore(state, poses, scans).map_err(|error| damaged(error.to_string()))
     }
 
     fn poses(&self) -> rusqlite::Result<Option<Vec<StampedPose>>> {
+        let mut select = self.connection.prepare("SELECT poses FROM floorprint_packed_poses ORDER BY block")?;
+        let mut poses = Vec::new();
+        for bytes in select.query_map([], |row| row.get::<_, Vec<u8>>(0))? {
+            match unpack_poses(&bytes?) {
+                Some(block) if poses.len() % POSES_PER_BLOCK == 0 => poses.extend(block),
+                _ => return Ok(None),
+            }
+        }
+        Ok(Some(poses))
+    }
+
+    fn submaps(&self) -> rusqlite::Result<Result<Vec<Submap>, rmp_serde::decode::Error>> {
+        let mut select = self.connection.prepare("SELECT value FROM floorprint_submaps ORDER BY number")?;
+        let values = select.query_map([], |row| row.get::<_, Vec<u8>>(0))?;
+        values.map(|value| value.map(|value| rmp_serde::from_slice(&value))).collect()
+    }
+
+    fn poses_of_version_1(&self) -> rusqlite::Result<Option<Vec<StampedPose>>> {
         let mut select = self.connection.prepare("SELECT poses FROM floorprint_poses ORDER BY row")?;
         let mut poses = Vec::new();
         for bytes in select.query_map([], |row| row.get::<_, Vec<u8>>(0))? {
             let bytes = bytes?;
-            if bytes.len() % POSE_BYTES != 0 || poses.len() % POSES_PER_ROW != 0 {
+            if bytes.len() % POSE_BYTES != 0 || poses.len() % POSES_PER_BLOCK != 0 {
                 return Ok(None);
             }
             poses.extend(bytes.chunks_exact(POSE_BYTES).map(|pose| {
@@ -331,6 +379,55 @@ impl SessionFile {
 
 pub use layers::Layers;
 
+/// Brings the table of key scans from what it holds (`before`: their frames) to `scans`. A key scan's number is that of its
+/// frame; in earlier files they were counted, so that the first save writes all anew.
+fn save_key_scans(
+    connection: &Connection,
+    is_first: bool,
+    before: &[usize],
+    scans: &[StoredScan],
+) -> rusqlite::Result<()> {
+    if is_first {
+        connection.execute("DELETE FROM floorprint_key_scans", [])?;
+    }
+    let mut before = before.iter().copied().peekable();
+    let mut remove = connection.prepare_cached("DELETE FROM floorprint_key_scans WHERE number = ?1")?;
+    let mut insert = connection.prepare_cached("INSERT INTO floorprint_key_scans VALUES (?1, ?2, ?3, ?4)")?;
+    for scan in scans {
+        while let Some(gone) = before.next_if(|&frame| frame < scan.frame) {
+            remove.execute([gone as i64])?;
+        }
+        if before.next_if_eq(&scan.frame).is_none() {
+            let frame = scan.frame as i64;
+            insert.execute(params![frame, frame, scan.is_drawn, scan.points.bytes()])?;
+        }
+    }
+    for gone in before {
+        remove.execute([gone as i64])?;
+    }
+    Ok(())
+}
+
+/// Writes the submaps that are not the ones of `before`.
+fn save_submaps(
+    connection: &Connection,
+    is_first: bool,
+    before: &[Arc<Submap>],
+    submaps: &[Arc<Submap>],
+) -> rusqlite::Result<()> {
+    if is_first || submaps.len() < before.len() {
+        connection
+            .execute("DELETE FROM floorprint_submaps WHERE number >= ?1", [submaps.len().min(before.len()) as i64])?;
+    }
+    let mut insert = connection.prepare_cached("INSERT OR REPLACE INTO floorprint_submaps VALUES (?1, ?2)")?;
+    for (number, submap) in submaps.iter().enumerate() {
+        if !before.get(number).is_some_and(|before| Arc::ptr_eq(before, submap)) {
+            insert.execute(params![number as i64, encode(submap.as_ref())?])?;
+        }
+    }
+    Ok(())
+}
+
 fn refuse_taken(path: &Path) -> Result<(), WriteError> {
     if fs::symlink_metadata(path).is_err() {
         return Ok(());
@@ -338,12 +435,8 @@ fn refuse_taken(path: &Path) -> Result<(), WriteError> {
     Err(Problem::new(path, "a file stands there").advice("Choose another name, or remove it").into())
 }
 
-fn pose_bytes(poses: &[StampedPose]) -> Vec<u8> {
-    let numbers = poses.iter().flat_map(|stamped| {
-        let Pose2 { x, y, theta } = stamped.pose;
-        [stamped.stamp_s, x, y, theta]
-    });
-    numbers.flat_map(f64::to_le_bytes).collect()
+fn encode<T: Serialize>(value: &T) -> rusqlite::Result<Vec<u8>> {
+    rmp_serde::to_vec_named(value).map_err(|error| rusqlite::Error::ToSqlConversionFailure(Box::new(error)))
 }
 
 fn no_session(path: &Path) -> ReadError {

@@ -12,6 +12,7 @@ use super::submap::Submap;
 use super::uncertainty::Uncertainty;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::pose_graph::Optimizer;
+use std::sync::Arc;
 
 /// A closure that makes the graph cost this much more than it should is in conflict with something.
 const CONFLICT_COST: f64 = 5.0;
@@ -51,7 +52,7 @@ impl Hypothesis {
     #[must_use]
     pub fn decide(
         self,
-        submaps: &[Submap],
+        submaps: &[Arc<Submap>],
         uncertainties: &[Uncertainty],
         comparisons: &[Comparison],
         first: usize,

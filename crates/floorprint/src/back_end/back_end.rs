@@ -13,6 +13,7 @@ use super::view_cache::ViewCache;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::scan_matcher::MatcherConfig;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Closes loops while the drive goes on.
 #[derive(Debug)]
@@ -201,21 +202,29 @@ impl BackEnd {
         });
         let known: Vec<(usize, Pose2)> = known.collect();
         let new_share = self.views.new_share(&places.submaps, job.newer, &known, &self.matcher);
-        places.submaps[job.newer].is_known = new_share < NEW_SHARE;
+        let middle = places.submaps[job.newer].middle;
+        let away_m = |(older, older_from_newer): &(usize, Pose2)| {
+            places.submaps[*older].middle.between(&older_from_newer.compose(&middle)).distance()
+        };
+        let nearest = known.iter().min_by(|a, b| away_m(a).total_cmp(&away_m(b))).map(|(older, _)| *older);
+        let is_known = new_share < NEW_SHARE;
+        let newer = Arc::make_mut(&mut places.submaps[job.newer]);
+        (newer.is_known, newer.shown_by) = (is_known, nearest.filter(|_| is_known));
         if let Some(past) = job.newer.checked_sub(KEPT_SUBMAPS).filter(|&past| places.submaps[past].is_known) {
-            places.submaps[past].forget();
+            Arc::make_mut(&mut places.submaps[past]).forget();
             let long_ago = places.submaps[..past]
                 .partition_point(|older| places.is_long_before(older, past, self.config.window_m));
             for hypothesis in &mut places.hypotheses {
                 hypothesis.attach(past, long_ago);
             }
+            places.keep_newest_passes(past, &self.config);
         }
     }
 
     /// Does what is left of the work: the drive ends here.
     pub fn finish(mut self, places: &mut PlaceGraph) {
         let last = places.builder.finish();
-        places.submaps.extend(last);
+        places.submaps.extend(last.map(Arc::new));
         while self.work(places) {}
         let PlaceGraph { submaps, hypotheses, comparisons, .. } = places;
         let best = &mut hypotheses[0];

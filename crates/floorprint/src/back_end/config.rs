@@ -22,6 +22,10 @@ pub struct LoopClosureConfig {
     /// are compared, metres.
     #[schemars(range(min = 0.0))]
     pub candidate_distance_m: f64,
+    /// Of the passes over a place that show nothing new the key scans of this many, the newest, are kept for the map, so
+    /// that a session grows with the area that was seen and not with time.
+    #[schemars(range(min = 0, max = 1000000))]
+    pub passes_kept: usize,
     /// Largest number of hypotheses about the drive that are held for possible while it is not clear which
     /// of several places that look the same the robot came back to; 1 always bets on the likeliest.
     #[schemars(range(min = 1, max = 1000))]
@@ -55,6 +59,7 @@ impl Default for LoopClosureConfig {
             submap_length_m: 4.0,
             candidates: 4,
             candidate_distance_m: 6.0,
+            passes_kept: 8,
             hypotheses: 6,
             drift_sigma_m: 0.01,
             drift_sigma_rad: 0.002,

@@ -182,8 +182,20 @@ impl Hypothesis {
         self.graph.squared_error(factor) < CONFLICT
     }
 
-    /// Whether all numbers name what is there, of so many submaps; else what does not.
-    pub(super) fn validate(&self, submaps: usize, comparisons: &[Comparison]) -> Result<(), &'static str> {
+    /// Bytes that it holds.
+    pub(super) fn held_bytes(&self) -> usize {
+        let graph = size_of_val(self.graph.poses()) + size_of_val(self.graph.between_factors());
+        let numbers = size_of_val(&self.in_play[..]) + size_of_val(&self.constraints[..]);
+        graph + numbers + size_of_val(&self.attached[..]) + size_of_val(&self.past_closures[..])
+    }
+
+    /// Whether it has a say in where a submap lies.
+    pub(super) fn holds(&self, submap: usize) -> bool {
+        self.node_of(submap).is_some() || self.attached.iter().any(|attached| attached.submap == submap)
+    }
+
+    /// Whether all numbers name what is there, of so many submaps, of which so many are its own; else what does not.
+    pub(super) fn validate(&self, [submaps, left]: [usize; 2], comparisons: &[Comparison]) -> Result<(), &'static str> {
         let holds = |holds: bool, what: &'static str| if holds { Ok(()) } else { Err(what) };
         let factors = self.graph.between_factors().len();
         let nodes = &self.in_play;
@@ -204,7 +216,7 @@ impl Hypothesis {
         let are_attached = self.attached.iter().all(|attached| {
             attached.submap < submaps && attached.older < attached.submap && self.pose_of(attached.submap).is_none()
         });
-        let all_there = nodes.len() + self.attached.len() == submaps;
+        let all_there = nodes.len() + self.attached.len() == left;
         holds(are_attached && all_there, "a retired submap is attached to what is not there")?;
         holds(self.breaks.iter().all(|at| at.submap < submaps), "an interruption names a submap that is not there")
     }

@@ -1,8 +1,8 @@
 //! What closing loops knows of a drive, and all of it that outlives a step: submaps, what they were compared with,
 //! and the hypotheses about how they lie to each other.
 
-use super::hypothesis::{Hypothesis, Kidnapping};
-use super::place_match::Comparison;
+use super::hypothesis::{Attached, Hypothesis, Kidnapping};
+use super::place_match::{Comparison, Placement};
 use super::submap::{Submap, SubmapBuilder};
 use super::uncertainty::Uncertainty;
 use super::{ClosureLoad, ClosureReport, Verdict};
@@ -12,15 +12,18 @@ use crate::key_scan::KeyScan;
 use crate::pose_graph::PoseGraph;
 use crate::surface::{SurfaceScan, Thinning};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The submaps of a drive, the comparisons between them, and the hypotheses that follow.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct PlaceGraph {
     pub(super) builder: SubmapBuilder,
-    pub(super) submaps: Vec<Submap>,
+    /// They are stored one by one, beside the rest.
+    #[serde(skip_serializing, default, deserialize_with = "submaps_of_version_1")]
+    pub(super) submaps: Vec<Arc<Submap>>,
     /// Hypotheses about the drive, the heaviest first; at least one.
     pub(super) hypotheses: Vec<Hypothesis>,
     pub(super) comparisons: Vec<Comparison>,
@@ -28,6 +31,9 @@ pub struct PlaceGraph {
     pub(super) taken: usize,
     /// What is being done about the newest of them.
     pub(super) job: Option<Job>,
+    /// Submaps whose key scans are not wanted any more, as of the last piece of work.
+    #[serde(skip)]
+    pub(super) outdated: Vec<usize>,
     /// How uncertain the heaviest hypothesis is where in the world each submap in play lies.
     #[serde(default)]
     pub(super) in_the_world: Vec<Uncertainty>,
@@ -56,6 +62,11 @@ pub struct Anchor {
     pub interruption: Option<usize>,
 }
 
+/// Files of the first version hold the submaps in one piece with the rest.
+fn submaps_of_version_1<'de, D: Deserializer<'de>>(file: D) -> Result<Vec<Arc<Submap>>, D::Error> {
+    Ok(Vec::<Submap>::deserialize(file)?.into_iter().map(Arc::new).collect())
+}
+
 impl PlaceGraph {
     /// Nothing seen yet. Submaps are `submap_length_m` of path long, with surfaces kept in cells of `cell_m`; metres.
     #[must_use]
@@ -67,6 +78,7 @@ impl PlaceGraph {
             comparisons: Vec::new(),
             taken: 0,
             job: None,
+            outdated: Vec::new(),
             in_the_world: Vec::new(),
         }
     }
@@ -76,14 +88,24 @@ impl PlaceGraph {
     pub fn add(&mut self, key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> bool {
         let submap = self.builder.add(key_scan, poses_since);
         let has_ended = submap.is_some();
-        self.submaps.extend(submap);
+        self.submaps.extend(submap.map(Arc::new));
         has_ended
     }
 
     /// The submaps that have ended, in the order of the drive.
     #[must_use]
-    pub fn submaps(&self) -> &[Submap] {
+    pub fn submaps(&self) -> &[Arc<Submap>] {
         &self.submaps
+    }
+
+    /// Puts submaps in the place of those with the same numbers, or after the last one.
+    pub(crate) fn replace_submaps(&mut self, others: impl Iterator<Item = (usize, Arc<Submap>)>) {
+        for (number, other) in others {
+            match self.submaps.get_mut(number) {
+                Some(submap) => *submap = other,
+                None => self.submaps.push(other),
+            }
+        }
     }
 
     /// The frame with which the submap in the making begins, counted from 0; `None` before the first key scan.
@@ -117,7 +139,8 @@ impl PlaceGraph {
             .chain([self.open_since().unwrap_or(poses.len())])
             .collect();
         let cell_m = self.builder.cell_m();
-        for (submap, &end) in self.submaps.iter_mut().zip(&ends).filter(|(submap, _)| !submap.is_forgotten) {
+        let unseen = |submap: &Submap| !submap.is_forgotten && submap.surfaces.is_empty();
+        for (submap, &end) in self.submaps.iter_mut().zip(&ends).filter(|(submap, _)| unseen(submap)) {
             let range = position(submap.first)..position(end);
             let shown = surfaces(range.clone());
             let placed: Vec<(Pose2, &SurfaceScan)> = frames[range]
@@ -125,7 +148,7 @@ impl PlaceGraph {
                 .zip(&shown)
                 .map(|(&frame, scan)| (submap.front_end_from_submap.between(&poses[frame]), scan.as_ref()))
                 .collect();
-            submap.show(&placed, cell_m);
+            Arc::make_mut(submap).show(&placed, cell_m);
         }
         for key_scan in self.builder.open_mut() {
             let at =
@@ -146,6 +169,9 @@ impl PlaceGraph {
         holds(firsts.is_sorted_by(|a, b| a < b), "submaps do not follow each other")?;
         let are_frames = self.submaps.iter().all(|submap| submap.first < frames && submap.middle_frame < frames);
         holds(are_frames, "a submap names a frame that is not there")?;
+        let are_passes =
+            |submap: &Arc<Submap>| submap.passes.iter().chain(&submap.shown_by).all(|&other| other < count);
+        holds(self.submaps.iter().all(are_passes), "a pass over a submap is not there")?;
         let is_pair = |comparison: &Comparison| {
             comparison.older < count && comparison.newer < count && !comparison.placements.is_empty()
         };
@@ -162,7 +188,15 @@ impl PlaceGraph {
                     .all(|(of, in_play)| of.len() == in_play.graph().poses().len())
         });
         holds(is_job, "the comparisons that are due name what is not there")?;
-        self.hypotheses.iter().try_for_each(|hypothesis| hypothesis.validate(self.taken, &self.comparisons))
+        let attached = self.submaps.iter().enumerate().filter_map(|(index, submap)| Some((index, submap.attached?)));
+        let are_attached = |(index, attached): (usize, Attached)| {
+            attached.submap == index && attached.older < index && index < self.taken
+        };
+        holds(attached.clone().all(are_attached), "a retired submap is attached to what is not there")?;
+        let in_play = |index: usize| self.hypotheses.iter().any(|hypothesis| hypothesis.holds(index));
+        holds(!attached.clone().any(|(index, _)| in_play(index)), "a submap is retired and is not")?;
+        let left = self.taken - attached.count();
+        self.hypotheses.iter().try_for_each(|hypothesis| hypothesis.validate([self.taken, left], &self.comparisons))
     }
 
     /// Whether an older submap was made so long before a newer one that it is no part of the same passage.
@@ -211,13 +245,35 @@ impl PlaceGraph {
     /// The drive as the heaviest hypothesis has it now.
     #[must_use]
     pub fn anchors(&self) -> Vec<Anchor> {
-        let poses = self.hypotheses[0].all_poses();
-        let anchor = |(index, (submap, &pose)): (usize, (&Submap, &Pose2))| Anchor {
+        let poses = self.hypotheses[0].all_poses(&self.submaps);
+        let anchor = |(index, (submap, &pose)): (usize, (&Arc<Submap>, &Pose2))| Anchor {
             frame: submap.first,
             pose,
             interruption: submap.interruption.filter(|_| self.hypotheses[0].is_interrupted(index)).map(|at| at.frame),
         };
         self.submaps.iter().zip(&poses).enumerate().map(anchor).collect()
+    }
+
+    /// The frames, from the first to the one after the last, of submaps whose key scans are not wanted any more since
+    /// this was last asked for.
+    pub(crate) fn take_outdated(&mut self) -> Vec<Range<usize>> {
+        let outdated = std::mem::take(&mut self.outdated);
+        let first = |submap: usize| self.submaps.get(submap).map(|submap| submap.first);
+        let frames = outdated.into_iter().filter_map(|submap| {
+            let end = first(submap + 1).or_else(|| self.open_since())?;
+            Some(first(submap)?..end)
+        });
+        frames.collect()
+    }
+
+    /// Bytes held: by what submaps look like and by what is remembered of each; by the comparisons; by the hypotheses.
+    pub(crate) fn held_bytes(&self) -> [usize; 4] {
+        let looks = self.submaps.iter().map(|submap| submap.held_bytes()).sum();
+        let of_comparison =
+            |comparison: &Comparison| size_of::<Comparison>() + comparison.placements.len() * size_of::<Placement>();
+        let comparisons = self.comparisons.iter().map(of_comparison).sum();
+        let hypotheses = self.hypotheses.iter().map(Hypothesis::held_bytes).sum();
+        [looks, self.submaps.len() * size_of::<Submap>(), comparisons, hypotheses]
     }
 
     /// Whether the robot was kidnapped and has not been found again yet.
@@ -255,7 +311,7 @@ impl PlaceGraph {
     /// The heaviest hypothesis's graph; its nodes are the submaps.
     #[must_use]
     pub fn graph(&self) -> PoseGraph {
-        self.hypotheses[0].whole_graph()
+        self.hypotheses[0].whole_graph(&self.submaps)
     }
 
     /// What became of every comparison, as the heaviest hypothesis has it.

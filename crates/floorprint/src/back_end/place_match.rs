@@ -15,6 +15,7 @@ use crate::scan_matcher::{MatchResult, MatcherConfig, PoseBelief, match_scan, wi
 use crate::surface::SurfaceScan;
 use nalgebra::{Matrix3, Vector2};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// A newer submap compared with an older one.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -105,7 +106,7 @@ impl Placement {
         &mut self,
         views: [&View; 2],
         probes: [&SurfaceScan; 2],
-        submaps: &[Submap],
+        submaps: &[Arc<Submap>],
         config: &LoopClosureConfig,
         matcher: &MatcherConfig,
     ) {
@@ -138,7 +139,13 @@ impl Placement {
 
     /// What share of the newer one's surfaces lies on the older one's when it is moved on in the direction in which
     /// the fit is the least certain, at the best of several distances.
-    fn share_farther_on(&self, older: &View, newer: &SurfaceScan, submaps: &[Submap], matcher: &MatcherConfig) -> f64 {
+    fn share_farther_on(
+        &self,
+        older: &View,
+        newer: &SurfaceScan,
+        submaps: &[Arc<Submap>],
+        matcher: &MatcherConfig,
+    ) -> f64 {
         let (_, direction) = self.least_certain();
         let shares = FARTHER_ON_M.map(|distance_m| {
             let moved = Pose2::new(distance_m * direction[0], distance_m * direction[1], 0.0);

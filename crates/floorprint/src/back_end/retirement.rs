@@ -2,11 +2,15 @@
 //!
 //! Where such a submap lies on an older one is remembered; those before and after it are connected to the older one instead.
 
+use super::LoopClosureConfig;
 use super::hypothesis::{Attached, Closure, Constraint, Hypothesis};
+use super::place_graph::PlaceGraph;
+use super::submap::Submap;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::{inverse, symmetric};
 use crate::pose_graph::{BetweenFactor, PoseGraph, PriorFactor, RobustKernel};
 use nalgebra::Matrix3;
+use std::sync::Arc;
 
 /// Where a submap lies on an older one is known when the standard deviation is less than this, metres.
 const ATTACHED_SIGMA_M: f64 = 0.05;
@@ -45,13 +49,80 @@ impl Motion {
     }
 }
 
+impl PlaceGraph {
+    /// Takes a submap that was forgotten for one more pass over the one that shows what it shows. Where there are too many
+    /// of those the oldest are not wanted any more: the key scans are the session's to forget, the comparisons are forgotten.
+    pub(super) fn keep_newest_passes(&mut self, past: usize, config: &LoopClosureConfig) {
+        let Some(home) = self.submaps[past].shown_by else { return };
+        Arc::make_mut(&mut self.submaps[home]).passes.push(past);
+        // Who is lost may yet turn out to have been elsewhere.
+        if self.is_lost() {
+            return;
+        }
+        while let Some(&oldest) = self.submaps[home].passes.first() {
+            let is_long_ago = self.is_long_before(&self.submaps[oldest], past, config.window_m);
+            if self.submaps[home].passes.len() <= config.passes_kept || !is_long_ago {
+                return;
+            }
+            Arc::make_mut(&mut self.submaps[home]).passes.remove(0);
+            if !self.hypotheses.iter().any(|hypothesis| hypothesis.breaks_at(oldest)) {
+                self.outdated.push(oldest);
+                self.forget_comparisons(oldest);
+                self.settle(oldest);
+            }
+        }
+    }
+
+    /// Where all hypotheses have a submap on the same older one it is remembered once, as the heaviest one has it.
+    fn settle(&mut self, submap: usize) {
+        let of =
+            |hypothesis: &Hypothesis| hypothesis.attached.iter().find(|attached| attached.submap == submap).copied();
+        let Some(attached) = of(&self.hypotheses[0]) else { return };
+        if self.hypotheses.iter().all(|hypothesis| of(hypothesis).is_some_and(|other| other.older == attached.older)) {
+            self.hypotheses
+                .iter_mut()
+                .for_each(|hypothesis| hypothesis.attached.retain(|other| other.submap != submap));
+            Arc::make_mut(&mut self.submaps[submap]).attached = Some(attached);
+        }
+    }
+
+    /// Forgets what a submap was compared with when it was new, unless it may still decide something.
+    fn forget_comparisons(&mut self, submap: usize) {
+        let first = self.comparisons.partition_point(|comparison| comparison.newer < submap);
+        let end = self.comparisons.partition_point(|comparison| comparison.newer <= submap);
+        let forgotten = first..end;
+        let is_needed = |hypothesis: &Hypothesis| {
+            hypothesis.constraints.iter().any(|constraint| forgotten.contains(&constraint.comparison))
+        };
+        if self.hypotheses.iter().any(is_needed) {
+            return;
+        }
+        let renumber = |comparison: &mut usize| {
+            if *comparison >= end {
+                *comparison -= end - first;
+            }
+        };
+        for hypothesis in &mut self.hypotheses {
+            hypothesis.past_closures.retain(|closure| !forgotten.contains(&closure.comparison));
+            hypothesis.past_closures.iter_mut().for_each(|closure| renumber(&mut closure.comparison));
+            hypothesis.constraints.iter_mut().for_each(|constraint| renumber(&mut constraint.comparison));
+        }
+        self.comparisons.drain(forgotten.clone());
+    }
+}
+
 impl Hypothesis {
+    /// Whether the drive may have been interrupted right before or after a submap.
+    fn breaks_at(&self, submap: usize) -> bool {
+        self.breaks.iter().any(|at| at.submap == submap || at.submap == submap + 1)
+    }
+
     /// Takes a submap that lies on an older one out of the graph. Leaves the graph as it is where the hypothesis does not
     /// hold the submap for recognised on one of the first `long_ago`, or where few recognised that one before.
     pub fn attach(&mut self, submap: usize, long_ago: usize) {
         let Some(node) = self.node_of(submap) else { return };
         // Where the drive was interrupted the way there is not known, or not yet.
-        if self.breaks.iter().any(|at| at.submap == submap || at.submap == submap + 1) {
+        if self.breaks_at(submap) {
             return;
         }
         let next = self.links().find(|link| link.from == node && link.to == node + 1);
@@ -119,14 +190,22 @@ impl Hypothesis {
             .retain_mut(|constraint| numbers[constraint.factor].map(|number| constraint.factor = number).is_some());
     }
 
+    /// Where the submaps lie that left the graph, ascending.
+    fn all_attached(&self, submaps: &[Arc<Submap>]) -> Vec<Attached> {
+        let settled = submaps.iter().filter_map(|submap| submap.attached);
+        let mut attached: Vec<Attached> = settled.chain(self.attached.iter().copied()).collect();
+        attached.sort_by_key(|attached| attached.submap);
+        attached
+    }
+
     /// The poses of all submaps, world from submap, also of those that left the graph.
     #[must_use]
-    pub fn all_poses(&self) -> Vec<Pose2> {
+    pub fn all_poses(&self, submaps: &[Arc<Submap>]) -> Vec<Pose2> {
         let mut poses = vec![Pose2::IDENTITY; self.newest().map_or(0, |(newest, _)| newest + 1)];
         for (submap, pose) in self.in_play() {
             poses[submap] = pose;
         }
-        for attached in &self.attached {
+        for attached in self.all_attached(submaps) {
             poses[attached.submap] = poses[attached.older].compose(&attached.older_from_submap);
         }
         poses
@@ -134,9 +213,9 @@ impl Hypothesis {
 
     /// The graph with all submaps as its nodes, also those that left it.
     #[must_use]
-    pub fn whole_graph(&self) -> PoseGraph {
+    pub fn whole_graph(&self, submaps: &[Arc<Submap>]) -> PoseGraph {
         let mut graph = PoseGraph::default();
-        for pose in self.all_poses() {
+        for pose in self.all_poses(submaps) {
             graph.add_node(pose);
         }
         for factor in self.graph.prior_factors() {
@@ -146,7 +225,7 @@ impl Hypothesis {
             let [from, to] = [factor.from, factor.to].map(|node| self.in_play[node]);
             let _ = graph.add_between(BetweenFactor { from, to, ..factor.clone() });
         }
-        for attached in &self.attached {
+        for attached in self.all_attached(submaps) {
             let _ = graph.add_between(BetweenFactor {
                 from: attached.older,
                 to: attached.submap,
@@ -228,7 +307,7 @@ mod tests {
                 assert!((0.95..1.1).contains(&ratio), "submap {submap}, axis {axis}: {ratio}");
             }
         }
-        let (whole, poses) = (after.whole_graph(), after.all_poses());
+        let (whole, poses) = (after.whole_graph(&[]), after.all_poses(&[]));
         assert_eq!((whole.poses().len(), poses.len()), (7, 7));
         for (pose, truth) in poses.iter().zip(before.graph.poses()) {
             assert!(truth.between(pose).distance() < 1e-9 && truth.between(pose).theta.abs() < 1e-9);

@@ -13,6 +13,7 @@ use super::view_cache::ViewCache;
 use super::{LoopClosureConfig, Verdict};
 use crate::scan_matcher::MatcherConfig;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// How well it is known where submaps lie: within reach of the fine matcher, so that nothing is searched.
 const DOUBT: Uncertainty = Uncertainty { sigma_m: 0.1, sigma_rad: 0.03 };
@@ -25,7 +26,7 @@ impl Hypothesis {
     /// about where they lie. The comparisons are added to `comparisons`.
     pub(super) fn look_again(
         &mut self,
-        submaps: &[Submap],
+        submaps: &[Arc<Submap>],
         comparisons: &mut Vec<Comparison>,
         views: &mut ViewCache,
         config: &LoopClosureConfig,
@@ -57,7 +58,7 @@ impl Hypothesis {
     }
 
     /// Nodes of submaps that lie close to each other and are not connected yet: the older, the newer.
-    fn pairs_not_connected(&self, submaps: &[Submap], config: &LoopClosureConfig) -> Vec<[usize; 2]> {
+    fn pairs_not_connected(&self, submaps: &[Arc<Submap>], config: &LoopClosureConfig) -> Vec<[usize; 2]> {
         let tied: BTreeSet<[usize; 2]> = self.closures_in_force().map(|closure| [closure.from, closure.to]).collect();
         let places: Vec<_> = self
             .in_play()

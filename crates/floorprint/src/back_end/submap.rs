@@ -1,5 +1,6 @@
 //! Submaps: pieces of a drive short enough to be right in themselves (Hess et al. 2016).
 
+use super::hypothesis::Attached;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::in_frame_of;
 use crate::key_scan::{Drift, Interruption, KeyScan};
@@ -37,6 +38,15 @@ pub struct Submap {
     pub probe: SurfaceScan,
     /// Whether it shows nothing that older ones do not; later ones are then compared with those.
     pub is_known: bool,
+    /// The older submap that shows what this one shows, where that is known.
+    #[serde(default)]
+    pub shown_by: Option<usize>,
+    /// Of the submaps that show only what this one shows those whose key scans are kept, the oldest first.
+    #[serde(default)]
+    pub passes: Vec<usize>,
+    /// Where it lies, once all hypotheses have it on the same older submap and its key scans are forgotten.
+    #[serde(default)]
+    pub(super) attached: Option<Attached>,
     /// Whether what it looks like was forgotten since.
     pub is_forgotten: bool,
     /// What the first, the middle and the last key scan had in view, in the submap's frame.
@@ -189,6 +199,9 @@ impl SubmapBuilder {
             link: self.link,
             interruption: first.interruption,
             is_known: false,
+            shown_by: None,
+            passes: Vec::new(),
+            attached: None,
             is_forgotten: false,
             surfaces: Arc::default(),
             probe: SurfaceScan::default(),
@@ -229,6 +242,12 @@ impl Submap {
     #[must_use]
     pub fn is_forgotten(&self) -> bool {
         self.surfaces.is_empty()
+    }
+
+    /// Bytes that it holds, beside itself.
+    pub(super) fn held_bytes(&self) -> usize {
+        let horizons = self.horizons.iter().map(Horizon::held_bytes);
+        self.surfaces.held_bytes() + self.probe.held_bytes() + horizons.sum::<usize>()
     }
 
     /// Whether a point of the submap's frame (metres) was in view.

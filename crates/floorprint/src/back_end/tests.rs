@@ -284,12 +284,12 @@ fn assert_closures_are_true(closed: &ClosedLoops, truth: &[Pose2]) {
 }
 
 /// Submaps of a drive whose poses are right.
-fn true_submaps(walls: &Walls, truth: &[Pose2]) -> Vec<Submap> {
+fn true_submaps(walls: &Walls, truth: &[Pose2]) -> Vec<Arc<Submap>> {
     cut(&key_scans(walls, truth, truth), LoopClosureConfig::default().submap_length_m)
 }
 
 /// Compares two submaps where the newer one is expected `shift` off where it is.
-fn compare(submaps: &[Submap], pair: [usize; 2], shift: Pose2, uncertainty: Uncertainty) -> (Comparison, Pose2) {
+fn compare(submaps: &[Arc<Submap>], pair: [usize; 2], shift: Pose2, uncertainty: Uncertainty) -> (Comparison, Pose2) {
     let [older, newer] = pair.map(|index| submaps[index].front_end_from_submap);
     let truth = older.between(&newer);
     let (config, matcher) = (LoopClosureConfig::default(), MatcherConfig::default());
@@ -452,12 +452,12 @@ fn bare(poses: &[Pose2]) -> Vec<KeyScan> {
 }
 
 /// Cuts key scans into submaps.
-fn cut(key_scans: &[KeyScan], length_m: f64) -> Vec<Submap> {
+fn cut(key_scans: &[KeyScan], length_m: f64) -> Vec<Arc<Submap>> {
     let mut builder = SubmapBuilder::new(length_m, 0.05);
     let mut submaps: Vec<Submap> =
         key_scans.iter().filter_map(|scan| builder.add(scan.clone(), poses_since(key_scans, scan.frame))).collect();
     submaps.extend(builder.finish());
-    submaps
+    submaps.into_iter().map(Arc::new).collect()
 }
 
 proptest! {

@@ -15,6 +15,7 @@ use super::submap::Submap;
 use crate::geometry::Pose2;
 use crate::pose_graph::Optimizer;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// How much has to speak for a place before the drive is put there: log-likelihood, about what two submaps say that
 /// fit well …
@@ -138,7 +139,7 @@ impl Hypothesis {
 
     /// Where the robot was kidnapped.
     #[must_use]
-    pub fn kidnappings(&self, submaps: &[Submap], comparisons: &[Comparison]) -> Vec<Kidnapping> {
+    pub fn kidnappings(&self, submaps: &[Arc<Submap>], comparisons: &[Comparison]) -> Vec<Kidnapping> {
         let found = |at: &Break| match at.outcome {
             Outcome::Open => None,
             Outcome::Found(found) => Some(found),
@@ -165,7 +166,7 @@ impl Hypothesis {
     /// Looks for a robot that may have been kidnapped, given the comparisons of the drive up to the newest submap.
     pub fn relocate(
         &mut self,
-        submaps: &[Submap],
+        submaps: &[Arc<Submap>],
         comparisons: &[Comparison],
         is_end: bool,
         config: &LoopClosureConfig,
@@ -213,7 +214,13 @@ impl Hypothesis {
     }
 
     /// Where the newest submaps were seen on places that they are not connected to.
-    fn sightings(&self, submaps: &[Submap], newest: usize, comparisons: &[Comparison], tied: &[bool]) -> Vec<Sighting> {
+    fn sightings(
+        &self,
+        submaps: &[Arc<Submap>],
+        newest: usize,
+        comparisons: &[Comparison],
+        tied: &[bool],
+    ) -> Vec<Sighting> {
         let recent = comparisons.iter().enumerate().rev().take_while(|(_, c)| c.newer + SUBMAPS_ASKED > newest);
         let open = recent.filter_map(|(number, comparison)| {
             let [older, newer] = [self.node_of(comparison.older)?, self.node_of(comparison.newer)?];
@@ -266,7 +273,7 @@ impl Hypothesis {
     }
 
     /// Notes which interruptions the placing of the drive has bridged.
-    fn note_what_is_bridged(&mut self, best: &Sighting, submaps: &[Submap]) {
+    fn note_what_is_bridged(&mut self, best: &Sighting, submaps: &[Arc<Submap>]) {
         let [newest, older] = [self.newest().map_or(0, |(newest, _)| newest), best.older];
         let found = Found { frame: submaps[newest].middle_frame, earlier: submaps[older].middle_frame };
         for at in 0..self.breaks.len() {

@@ -9,6 +9,7 @@ use crate::pose_graph::RobustKernel;
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// How uncertain the pose of one submap is as seen from another: standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -135,7 +136,7 @@ impl Hypothesis {
     /// began is no more certain for that. What is in conflict with the rest is no way, and a measurement that the graph had
     /// to bend is as uncertain as it was bent.
     #[must_use]
-    pub fn uncertainties_in_the_world(&self, submaps: &[Submap]) -> Vec<Uncertainty> {
+    pub fn uncertainties_in_the_world(&self, submaps: &[Arc<Submap>]) -> Vec<Uncertainty> {
         let poses = self.graph.poses();
         let count = poses.len();
         let mut neighbours: Vec<Vec<(usize, Step)>> = vec![Vec::new(); count];

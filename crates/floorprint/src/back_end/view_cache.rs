@@ -12,6 +12,7 @@ use crate::surface::{SurfaceMap, SurfaceScan};
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// What submaps look like, kept for those that were needed lately.
 #[derive(Debug, Default)]
@@ -55,7 +56,7 @@ const SAME_FIT_RAD: f64 = 0.05;
 
 impl ViewCache {
     /// Makes the view of a submap with its neighbours.
-    fn learn(&mut self, index: usize, submaps: &[Submap], cell_m: f64) {
+    fn learn(&mut self, index: usize, submaps: &[Arc<Submap>], cell_m: f64) {
         self.clock += 1;
         if let Some(view) = self.views.get_mut(&index) {
             view.used = self.clock;
@@ -67,7 +68,7 @@ impl ViewCache {
         }
         let mut parts = vec![(index, Pose2::IDENTITY)];
         // Where the robot was carried nobody knows how the neighbour lies.
-        let motion_to = |submap: &Submap| {
+        let motion_to = |submap: &Arc<Submap>| {
             submap.link.filter(|_| submap.interruption.is_none()).map(|link| link.previous_from_submap)
         };
         if let (Some(motion), Some(before)) = (motion_to(&submaps[index]), index.checked_sub(1)) {
@@ -88,7 +89,7 @@ impl ViewCache {
     /// Looks for the newer submap on the older one around where it is expected.
     pub fn compare(
         &mut self,
-        submaps: &[Submap],
+        submaps: &[Arc<Submap>],
         [older, newer]: [usize; 2],
         expected: Pose2,
         uncertainty: Uncertainty,
@@ -119,7 +120,7 @@ impl ViewCache {
     /// from newer.
     pub fn new_share(
         &mut self,
-        submaps: &[Submap],
+        submaps: &[Arc<Submap>],
         newer: usize,
         places: &[(usize, Pose2)],
         matcher: &MatcherConfig,
@@ -189,13 +190,13 @@ impl View {
         &self,
         probe: &SurfaceScan,
         pose: &Pose2,
-        submaps: &[Submap],
+        submaps: &[Arc<Submap>],
         matcher: &MatcherConfig,
     ) -> (f64, f64) {
         let to_parts: Vec<(&Submap, Pose2)> = self
             .parts
             .iter()
-            .map(|(part, view_from_part)| (&submaps[*part], view_from_part.inverse().compose(pose)))
+            .map(|(part, view_from_part)| (submaps[*part].as_ref(), view_from_part.inverse().compose(pose)))
             .collect();
         let in_view = probe.filtered(|point| {
             to_parts.iter().any(|(part, part_from_probe)| {

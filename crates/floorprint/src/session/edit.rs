@@ -80,7 +80,7 @@ impl Session {
         scans.par_iter_mut().for_each(|scan| {
             scan.points = CompactScan::new(&region.seen(&world_from_bodies[scan.frame], &scan.points.unpack()));
         });
-        Self::restore(self.state(matcher), self.poses().to_vec(), scans)
+        Self::restore(self.state(matcher), self.poses(), scans)
     }
 
     /// By how much the session must be turned so that most walls run along the axes: the least such angle, radians,

@@ -7,12 +7,15 @@
 use crate::compact_scan::CompactScan;
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
-use crate::map::{MapConfig, OccupancyGrid, TileRectangle};
+use crate::map::{Cell, MapConfig, OccupancyGrid, TileRectangle};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 /// A scan is drawn again when its points moved by more than this share of a cell.
 const MOVED_CELLS: f64 = 0.25;
+
+/// A scan that is to be drawn: number of its frame, points, pose (world from body).
+pub type RenderedScan<'a> = (usize, &'a CompactScan, Pose2);
 
 /// An occupancy grid that follows its scans.
 #[derive(Debug, Clone)]
@@ -25,14 +28,15 @@ pub struct Renderer {
 /// Where a scan was drawn, and the tiles that it may have touched.
 #[derive(Debug, Clone)]
 struct Drawn {
+    frame: usize,
     pose: Pose2,
     reach_m: f64,
     tiles: TileRectangle,
 }
 
 impl Drawn {
-    fn of(scan: &BodyScan, pose: &Pose2, grid: &OccupancyGrid) -> Self {
-        Self { pose: *pose, reach_m: scan.reach_m(), tiles: grid.tiles_around(pose, scan) }
+    fn of(frame: usize, scan: &BodyScan, pose: &Pose2, grid: &OccupancyGrid) -> Self {
+        Self { frame, pose: *pose, reach_m: scan.reach_m(), tiles: grid.tiles_around(pose, scan) }
     }
 }
 
@@ -43,36 +47,61 @@ impl Renderer {
         Self { config: config.clone(), grid: OccupancyGrid::new(config), drawn: Vec::new() }
     }
 
-    /// The grid of `scans` at `poses` (world from body), one for each; scans that were drawn before are the same
-    /// ones, in the same order. Those that moved by less than a quarter of a cell stay where they were.
-    pub fn draw(&mut self, scans: &[&CompactScan], poses: &[Pose2]) -> &OccupancyGrid {
-        let moved = |(drawn, pose): (&Drawn, &Pose2)| {
-            let step = drawn.pose.between(pose);
-            step.distance() + step.theta.abs() * drawn.reach_m > MOVED_CELLS * self.config.resolution_m
-        };
-        let moved: Vec<usize> =
-            (0..self.drawn.len().min(poses.len())).filter(|&scan| moved((&self.drawn[scan], &poses[scan]))).collect();
-        if 2 * moved.len() > self.drawn.len() || self.drawn.len() > scans.len() {
-            (self.grid, self.drawn) = (OccupancyGrid::new(&self.config), Vec::new());
-        } else if !moved.is_empty() {
-            self.draw_again(&moved, scans, poses);
+    /// The grid of `scans`: number of the frame, ascending, points, pose (world from body). Of those that were drawn
+    /// before the ones that moved by less than a quarter of a cell stay where they were; new ones come after them.
+    pub fn draw(&mut self, scans: &[RenderedScan<'_>]) -> &OccupancyGrid {
+        let stale = self.follow(scans);
+        if !stale.is_empty() {
+            self.draw_again(&stale, scans);
         }
         if self.drawn.is_empty() && rayon::current_num_threads() > 1 {
-            self.draw_all(scans, poses);
+            self.draw_all(scans);
         }
-        for (scan, pose) in scans.iter().zip(poses).skip(self.drawn.len()) {
+        for (frame, scan, pose) in scans.iter().skip(self.drawn.len()) {
             let scan = scan.unpack();
             self.grid.draw_scan(pose, &scan);
-            self.drawn.push(Drawn::of(&scan, pose, &self.grid));
+            self.drawn.push(Drawn::of(*frame, &scan, pose, &self.grid));
         }
         &self.grid
     }
 
+    /// Forgets scans that are there no more, and moves those that moved; gives the tiles that are to be drawn anew. Where
+    /// that would be most of the work everything is forgotten.
+    fn follow(&mut self, scans: &[RenderedScan<'_>]) -> BTreeSet<Cell> {
+        let mut stale = BTreeSet::new();
+        let mut rest = scans.iter().peekable();
+        let mut kept = Vec::with_capacity(self.drawn.len());
+        let (before, mut changed) = (self.drawn.len(), 0);
+        for mut drawn in std::mem::take(&mut self.drawn) {
+            let Some((_, scan, pose)) = rest.next_if(|(frame, ..)| *frame == drawn.frame) else {
+                stale.extend(drawn.tiles.iter());
+                changed += 1;
+                continue;
+            };
+            let step = drawn.pose.between(pose);
+            if step.distance() + step.theta.abs() * drawn.reach_m > MOVED_CELLS * self.config.resolution_m {
+                stale.extend(drawn.tiles.iter());
+                drawn = Drawn::of(drawn.frame, &scan.unpack(), pose, &self.grid);
+                stale.extend(drawn.tiles.iter());
+                changed += 1;
+            }
+            kept.push(drawn);
+        }
+        let is_in_order = kept.iter().zip(scans).all(|(drawn, (frame, ..))| drawn.frame == *frame);
+        if 2 * changed > before || !is_in_order {
+            self.grid = OccupancyGrid::new(&self.config);
+            return BTreeSet::new();
+        }
+        self.drawn = kept;
+        stale
+    }
+
     /// Draws scans on the empty grid on several cores.
-    fn draw_all(&mut self, scans: &[&CompactScan], poses: &[Pose2]) {
+    fn draw_all(&mut self, scans: &[RenderedScan<'_>]) {
         let grid = &self.grid;
-        self.drawn = scans.par_iter().zip(poses).map(|(scan, pose)| Drawn::of(&scan.unpack(), pose, grid)).collect();
-        let scans: Vec<_> = scans.iter().copied().zip(poses.iter().copied()).collect();
+        let drawn = |(frame, scan, pose): &RenderedScan<'_>| Drawn::of(*frame, &scan.unpack(), pose, grid);
+        self.drawn = scans.par_iter().map(drawn).collect();
+        let scans: Vec<_> = scans.iter().map(|&(_, scan, pose)| (scan, pose)).collect();
         let reached: Vec<_> = self.drawn.iter().map(|drawn| drawn.tiles).collect();
         self.grid.draw_scans(&scans, &reached);
     }
@@ -83,21 +112,13 @@ impl Renderer {
         self.grid
     }
 
-    /// Forgets the tiles that scans touched or touch, and draws on those all scans that reach them.
-    fn draw_again(&mut self, moved: &[usize], scans: &[&CompactScan], poses: &[Pose2]) {
-        let mut stale = BTreeSet::new();
-        for &index in moved {
-            stale.extend(self.drawn[index].tiles.iter());
-            let scan = scans[index].unpack();
-            let drawn = &mut self.drawn[index];
-            (drawn.pose, drawn.tiles) = (poses[index], self.grid.tiles_around(&poses[index], &scan));
-            stale.extend(drawn.tiles.iter());
-        }
-        self.grid.forget(&stale);
-        for (drawn, scan) in
-            self.drawn.iter().zip(scans).filter(|(drawn, _)| drawn.tiles.iter().any(|tile| stale.contains(&tile)))
-        {
-            self.grid.draw_scan_within(&drawn.pose, &scan.unpack(), &stale);
+    /// Draws on tiles, which are forgotten first, all scans that reach them.
+    fn draw_again(&mut self, stale: &BTreeSet<Cell>, scans: &[RenderedScan<'_>]) {
+        self.grid.forget(stale);
+        for (drawn, (_, scan, _)) in self.drawn.iter().zip(scans) {
+            if drawn.tiles.iter().any(|tile| stale.contains(&tile)) {
+                self.grid.draw_scan_within(&drawn.pose, &scan.unpack(), stale);
+            }
         }
     }
 }
@@ -111,17 +132,46 @@ mod tests {
     fn the_number_of_threads_changes_nothing() {
         let poses = poses_along(&[[-1.5, -1.0], [1.5, -1.0], [1.5, 1.0]], 0.1);
         let scans: Vec<_> = poses.iter().map(|pose| CompactScan::new(&Walls::room().scan_from(pose, 361))).collect();
-        let scans: Vec<&CompactScan> = scans.iter().collect();
+        let scans: Vec<RenderedScan<'_>> =
+            scans.iter().zip(&poses).enumerate().map(|(frame, (scan, pose))| (frame, scan, *pose)).collect();
         let drawn = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let mut renderer = Renderer::new(&MapConfig::default());
-                renderer.draw(&scans, &poses).seen_cells().collect::<Vec<_>>()
+                renderer.draw(&scans).seen_cells().collect::<Vec<_>>()
             })
         };
         let one = drawn(1);
         assert!(one.len() > 1000);
         assert_eq!(one, drawn(2));
         assert_eq!(one, drawn(7));
+    }
+
+    #[test]
+    fn what_moved_and_what_is_gone_is_drawn_as_from_nothing() {
+        let mut poses = poses_along(&[[-1.5, -1.0], [1.5, -1.0], [1.5, 1.0]], 0.1);
+        let scans: Vec<_> = poses.iter().map(|pose| CompactScan::new(&Walls::room().scan_from(pose, 361))).collect();
+        let rendered = |poses: &[Pose2], frames: &[usize]| -> Vec<(usize, usize, Pose2)> {
+            frames.iter().map(|&frame| (frame, frame, poses[frame])).collect()
+        };
+        let draw = |renderer: &mut Renderer, of: Vec<(usize, usize, Pose2)>| {
+            let of: Vec<RenderedScan<'_>> = of.iter().map(|&(frame, scan, pose)| (frame, &scans[scan], pose)).collect();
+            renderer.draw(&of).seen_cells().collect::<Vec<_>>()
+        };
+        let all: Vec<usize> = (0..scans.len()).collect();
+        let mut renderer = Renderer::new(&MapConfig::default());
+        let first = draw(&mut renderer, rendered(&poses, &all[..30]));
+        // Some are gone, one moved, others came.
+        let kept: Vec<usize> = all.iter().copied().filter(|frame| !(5..9).contains(frame) && *frame != 29).collect();
+        poses[12] = poses[12].compose(&Pose2::new(0.1, 0.2, 0.3));
+        let followed = draw(&mut renderer, rendered(&poses, &kept));
+        let anew = draw(&mut Renderer::new(&MapConfig::default()), rendered(&poses, &kept));
+        assert_eq!(followed, anew);
+        assert_ne!(followed, first);
+        // One that comes back in the middle has all drawn anew.
+        assert_eq!(
+            draw(&mut renderer, rendered(&poses, &all)),
+            draw(&mut Renderer::new(&MapConfig::default()), rendered(&poses, &all))
+        );
     }
 }

@@ -1,9 +1,10 @@
 //! All that outlives a step.
 
 use super::Renderer;
+use super::pose_log::PoseLog;
 use super::refinement::{map_of, refine};
-use super::trajectory::corrected_poses;
-use crate::back_end::{Anchor, BackEnd, PlaceGraph};
+use super::trajectory::correct_poses;
+use crate::back_end::{Anchor, BackEnd, PlaceGraph, Submap};
 use crate::compact_scan::CompactScan;
 use crate::front_end::FrontEndState;
 use crate::geometry::Pose2;
@@ -16,6 +17,7 @@ use crate::surface::SurfaceScan;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// A key scan as it is kept.
@@ -37,7 +39,7 @@ pub struct StoredScan {
 pub struct Session {
     map: MapConfig,
     /// The front end's poses, `odom_from_body`, one for each frame.
-    poses: Vec<StampedPose>,
+    poses: PoseLog,
     scans: Vec<StoredScan>,
     /// Scans between the key scans, the newest: they have no say in the map, but are fitted to it in the end.
     between: ScansBetween,
@@ -107,6 +109,24 @@ pub struct SessionState {
     front_end: Option<FrontEndState>,
     #[serde(default)]
     world_from_start: Pose2,
+    /// Submaps that the end of the drive left other than they were before, with their numbers.
+    #[serde(default)]
+    finished_submaps: Vec<(usize, Submap)>,
+}
+
+impl SessionState {
+    /// What was stored of the submaps one by one. Files of the first version hold them in the state itself.
+    pub fn set_submaps(&mut self, submaps: Vec<Submap>) {
+        let submaps: Vec<Arc<Submap>> = submaps.into_iter().map(Arc::new).collect();
+        if let Some(finished) = &mut self.finished {
+            let others = std::mem::take(&mut self.finished_submaps).into_iter();
+            finished.places.replace_submaps(submaps.iter().cloned().enumerate());
+            finished.places.replace_submaps(others.map(|(number, submap)| (number, Arc::new(submap))));
+        }
+        if let Some(places) = &mut self.places {
+            places.replace_submaps(submaps.into_iter().enumerate());
+        }
+    }
 }
 
 /// Why what was stored is no session.
@@ -120,7 +140,7 @@ impl Session {
     pub fn new(map: &MapConfig, places: Option<PlaceGraph>) -> Self {
         Self {
             map: map.clone(),
-            poses: Vec::new(),
+            poses: PoseLog::default(),
             scans: Vec::new(),
             between: ScansBetween::default(),
             last_drawn: None,
@@ -163,8 +183,37 @@ impl Session {
 
     /// The front end's poses, `odom_from_body`, one for each frame.
     #[must_use]
-    pub fn poses(&self) -> &[StampedPose] {
-        &self.poses
+    pub fn poses(&self) -> Vec<StampedPose> {
+        self.poses.since(0)
+    }
+
+    /// Those from a frame on.
+    #[must_use]
+    pub fn poses_since(&self, frame: usize) -> Vec<StampedPose> {
+        self.poses.since(frame)
+    }
+
+    /// The newest of them.
+    #[must_use]
+    pub fn last_pose(&self) -> Option<StampedPose> {
+        self.poses.last()
+    }
+
+    /// Those of a block of [`POSES_PER_BLOCK`](super::POSES_PER_BLOCK) frames, as [`pack_poses`](super::pack_poses) packs
+    /// them; the last block may be short.
+    #[must_use]
+    pub fn packed_poses(&self, block: usize) -> Arc<[u8]> {
+        self.poses.block(block)
+    }
+
+    /// Bytes that the poses take.
+    pub(super) fn bytes_of_poses(&self) -> usize {
+        self.poses.held_bytes()
+    }
+
+    /// Bytes that scans between key scans take.
+    pub(super) fn bytes_between(&self) -> usize {
+        self.between.bytes + self.between.scans.len() * size_of::<(usize, CompactScan)>()
     }
 
     pub(crate) fn front_end(&self) -> Option<&FrontEndState> {
@@ -192,7 +241,23 @@ impl Session {
             finished: self.finished.clone(),
             front_end: self.front_end.clone(),
             world_from_start: self.world_from_start,
+            finished_submaps: self.finished_submaps(),
         }
+    }
+
+    /// The submaps as far as the drive has come, to be stored one by one: those that did not change are the same ones as
+    /// before. Empty where loops are not closed.
+    #[must_use]
+    pub fn submaps(&self) -> &[Arc<Submap>] {
+        self.places_so_far().map_or(&[], PlaceGraph::submaps)
+    }
+
+    /// Those that the end of the drive left other than they were before.
+    fn finished_submaps(&self) -> Vec<(usize, Submap)> {
+        let finished = self.finished.iter().flat_map(|finished| finished.places.submaps()).enumerate();
+        let changed = finished
+            .filter(|(number, submap)| !self.submaps().get(*number).is_some_and(|before| Arc::ptr_eq(before, submap)));
+        changed.map(|(number, submap)| (number, Submap::clone(submap))).collect()
     }
 
     /// A session as it was stored; poses and scans may be newer than the rest.
@@ -207,9 +272,10 @@ impl Session {
         holds(scans.is_sorted_by(|a, b| a.frame < b.frame), "key scans are out of order")?;
         let window = state.front_end.as_ref().map_or(0, FrontEndState::window_scans);
         holds(window <= scans.len(), "the front end's map is made of more key scans than there are")?;
+        let odom_from_bodies: Vec<Pose2> = poses.iter().map(|stamped| stamped.pose).collect();
         let mut session = Self {
             map: state.map,
-            poses,
+            poses: poses.into_iter().collect(),
             scans,
             between: ScansBetween::default(),
             last_drawn: state.last_drawn,
@@ -218,14 +284,22 @@ impl Session {
             finished: state.finished,
             world_from_start: state.world_from_start,
         };
-        let odom_from_bodies = session.odom_from_bodies();
         let frames: Vec<usize> = session.scans.iter().map(|scan| scan.frame).collect();
         let points: Vec<CompactScan> = session.scans.iter().map(|scan| scan.points.clone()).collect();
         let thinning = state.matcher.thinning();
+        let is_shared = |(number, submap): (usize, &Arc<Submap>)| {
+            session.submaps().get(number).is_some_and(|other| Arc::ptr_eq(other, submap))
+        };
+        let finished = session.finished.iter().flat_map(|finished| finished.places.submaps());
+        let shared: Vec<bool> = finished.enumerate().map(is_shared).collect();
         if let Some(places) = &mut session.places {
             places.restore(&odom_from_bodies, &frames, &points, &thinning).map_err(SessionError)?;
         }
         if let Some(finished) = &mut session.finished {
+            // Most submaps are as they were before the drive ended: they are made once.
+            let so_far = session.places.as_ref().map_or(&[][..], PlaceGraph::submaps).iter().enumerate();
+            let same: Vec<_> = so_far.filter(|(number, _)| shared.get(*number) == Some(&true)).collect();
+            finished.places.replace_submaps(same.into_iter().map(|(number, submap)| (number, Arc::clone(submap))));
             finished.places.restore(&odom_from_bodies, &frames, &points, &thinning).map_err(SessionError)?;
             let frames: Vec<usize> = finished.refined.iter().map(|(frame, _)| *frame).collect();
             let are_frames =
@@ -233,16 +307,13 @@ impl Session {
             let are_finite = finished.refined.iter().all(|(_, pose)| pose.is_finite());
             holds(are_frames && are_finite, "the refined poses are not those of frames")?;
         }
+        session.poses.pack(session.settled_frames());
         Ok(session)
     }
 
     /// How places lie to each other as far as the drive has come; `None` where loops are not closed.
     pub(crate) fn places_so_far(&self) -> Option<&PlaceGraph> {
         self.places.as_ref()
-    }
-
-    pub(crate) fn places_mut(&mut self) -> Option<&mut PlaceGraph> {
-        self.places.as_mut()
     }
 
     /// Appends a frame's pose, `odom_from_body`.
@@ -253,12 +324,13 @@ impl Session {
     /// Gives the frames from `first` on other poses, `odom_from_body`: which of several particles is the best may
     /// change, and what seemed to fit may turn out not to.
     pub fn set_poses(&mut self, first: usize, poses: &[Pose2]) {
-        self.poses.iter_mut().skip(first).zip(poses).for_each(|(stamped, pose)| stamped.pose = *pose);
+        self.poses.set(first, poses);
+        self.poses.pack(self.settled_frames());
     }
 
     /// Keeps the points of the scan of a frame, the newest so far.
     pub fn add_scan(&mut self, frame: usize, points: CompactScan) {
-        let Some(pose) = self.poses.get(frame).map(|stamped| stamped.pose) else { return };
+        let Some(StampedPose { pose, .. }) = self.poses.get(frame) else { return };
         let is_drawn = self.last_drawn.is_none_or(|last| {
             let step = last.between(&pose);
             step.distance() > self.map.redraw_distance_m || step.theta.abs() > self.map.redraw_angle_rad
@@ -283,6 +355,18 @@ impl Session {
         self.places.as_mut().is_some_and(|places| places.add(key_scan, poses_since))
     }
 
+    /// Lets the back end do one piece of its work, and forgets the key scans that it has no use for any more; tells
+    /// whether there was any work.
+    pub(crate) fn close_loops(&mut self, back_end: &mut BackEnd) -> bool {
+        let Some(places) = &mut self.places else { return false };
+        let has_worked = back_end.work(places);
+        for frames in places.take_outdated() {
+            let at = |frame: usize| self.scans.partition_point(|scan| scan.frame < frame);
+            self.scans.drain(at(frames.start)..at(frames.end));
+        }
+        has_worked
+    }
+
     /// Where the frames' poses are known in the world.
     fn anchors(&self) -> Vec<Anchor> {
         let submaps = self.places().map(PlaceGraph::anchors).unwrap_or_default();
@@ -290,19 +374,22 @@ impl Session {
         if refined.is_empty() {
             return submaps;
         }
-        let interruption = |frame: usize| {
-            let submap = submaps.binary_search_by_key(&frame, |anchor| anchor.frame).ok()?;
-            submaps[submap].interruption
-        };
-        refined.iter().map(|&(frame, pose)| Anchor { frame, pose, interruption: interruption(frame) }).collect()
+        // Submaps whose key scans were forgotten have no refined poses.
+        let mut submaps = submaps.into_iter().peekable();
+        let mut anchors = Vec::with_capacity(refined.len());
+        for &(frame, pose) in refined {
+            anchors.extend(std::iter::from_fn(|| submaps.next_if(|submap| submap.frame < frame)));
+            let interruption = submaps.next_if(|submap| submap.frame == frame).and_then(|submap| submap.interruption);
+            anchors.push(Anchor { frame, pose, interruption });
+        }
+        anchors.extend(submaps);
+        anchors
     }
 
     /// The poses of all frames, world from body; the first is the identity unless the session was moved.
     #[must_use]
     pub fn world_from_bodies(&self) -> Vec<Pose2> {
-        let poses = corrected_poses(&self.odom_from_bodies(), &self.anchors());
-        let start = poses.first().copied().unwrap_or(Pose2::IDENTITY);
-        poses.iter().map(|pose| self.world_from_start.compose(&start.between(pose))).collect()
+        self.trajectory().iter().map(|stamped| stamped.pose).collect()
     }
 
     /// Where the front end's frame is in the world: the transform that REP 105 calls map→odom.
@@ -329,8 +416,19 @@ impl Session {
     /// The trajectory: the body's pose in the world at each frame's stamp.
     #[must_use]
     pub fn trajectory(&self) -> Vec<StampedPose> {
-        let poses = self.world_from_bodies();
-        self.poses.iter().zip(poses).map(|(stamped, pose)| StampedPose { pose, ..*stamped }).collect()
+        let mut poses = self.corrected_poses();
+        let start = poses.first().map_or(Pose2::IDENTITY, |first| first.pose);
+        poses
+            .iter_mut()
+            .for_each(|stamped| stamped.pose = self.world_from_start.compose(&start.between(&stamped.pose)));
+        poses
+    }
+
+    /// The poses of all frames where the places have them.
+    fn corrected_poses(&self) -> Vec<StampedPose> {
+        let mut poses = self.poses();
+        correct_poses(&mut poses, &self.anchors());
+        poses
     }
 
     /// The occupancy grid, drawn with what `renderer` drew before.
@@ -341,8 +439,8 @@ impl Session {
     /// The same along other poses of the frames, world from body.
     pub fn draw_along<'a>(&self, world_from_bodies: &[Pose2], renderer: &'a mut Renderer) -> &'a OccupancyGrid {
         let drawn = self.scans.iter().filter(|scan| scan.is_drawn && scan.frame < world_from_bodies.len());
-        let (scans, poses): (Vec<_>, Vec<_>) = drawn.map(|scan| (&scan.points, world_from_bodies[scan.frame])).unzip();
-        renderer.draw(&scans, &poses)
+        let drawn: Vec<_> = drawn.map(|scan| (scan.frame, &scan.points, world_from_bodies[scan.frame])).collect();
+        renderer.draw(&drawn)
     }
 
     /// The occupancy grid, drawn from nothing.
@@ -358,15 +456,17 @@ impl Session {
         let Some(places) = &self.places else { return };
         let mut places = places.clone();
         back_end.finish(&mut places);
+        // The drive may go on from before: its end forgets no key scans.
+        let _ = places.take_outdated();
         self.finished = Some(Finished { places, refined: Vec::new() });
         if refinements == 0 {
             return;
         }
-        let poses = corrected_poses(&self.odom_from_bodies(), &self.anchors());
+        let poses = self.corrected_poses();
         let thinning = matcher.thinning();
         let surfaces = |points: &CompactScan| SurfaceScan::new(&points.unpack(), &thinning);
         let key_scans: Vec<SurfaceScan> = self.scans.par_iter().map(|scan| surfaces(&scan.points)).collect();
-        let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame]).collect();
+        let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame].pose).collect();
         for _ in 1..refinements {
             of_key_scans = refine(&map_of(&key_scans, &of_key_scans, matcher), &key_scans, &of_key_scans, matcher);
         }
@@ -374,7 +474,7 @@ impl Session {
         of_key_scans = refine(&map, &key_scans, &of_key_scans, matcher);
         // These are many: their surfaces are made one by one.
         let refined_between = |(frame, points): &(usize, CompactScan)| {
-            refine(&map, &[surfaces(points)], &[poses[*frame]], matcher).first().map(|pose| (*frame, *pose))
+            refine(&map, &[surfaces(points)], &[poses[*frame].pose], matcher).first().map(|pose| (*frame, *pose))
         };
         let of_between: Vec<Option<(usize, Pose2)>> = self.between.scans.par_iter().map(refined_between).collect();
         let key_frames = self.scans.iter().map(|scan| scan.frame).zip(of_key_scans);
@@ -383,9 +483,5 @@ impl Session {
         if let Some(finished) = &mut self.finished {
             finished.refined = refined;
         }
-    }
-
-    fn odom_from_bodies(&self) -> Vec<Pose2> {
-        self.poses.iter().map(|stamped| stamped.pose).collect()
     }
 }

@@ -42,6 +42,11 @@ impl Horizon {
         Self { origin_m, range_m: Arc::new(range_m), farthest_m }
     }
 
+    /// Bytes that it holds.
+    pub(crate) fn held_bytes(&self) -> usize {
+        size_of::<Self>() + size_of::<[f32; SECTORS]>()
+    }
+
     /// Where the rays begin, metres.
     #[must_use]
     pub fn origin_m(&self) -> [f64; 2] {

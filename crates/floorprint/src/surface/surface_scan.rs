@@ -42,6 +42,11 @@ pub struct SurfaceScan {
 }
 
 impl SurfaceScan {
+    /// Bytes that its points take.
+    pub(crate) fn held_bytes(&self) -> usize {
+        self.x_m.len() * size_of::<[f32; 4]>()
+    }
+
     /// Points of `scan`, thinned as asked for, with normals from all its points.
     ///
     /// The step from one point to the next follows from how densely the surface was hit. Taking
