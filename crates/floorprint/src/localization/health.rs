@@ -25,8 +25,12 @@ const MOST_TRACKED: f64 = -1.5;
 const MOST_LOST: f64 = 1.5;
 /// The log-odds stay within these.
 const BOUNDS: [f64; 2] = [-8.0, 8.0];
-/// What is usual is learnt over this time, seconds.
+/// What is usual is learnt over this drive, metres: a robot that stands still sees the same place again and again. Where
+/// more is explained than usual that is learnt over this time, too, seconds.
+const USUAL_M: f64 = 10.0;
 const USUAL_S: f64 = 15.0;
+/// The newest scan counts no more than this.
+const MOST_NEWEST: f64 = 0.1;
 /// Where people hide more than this share of the rays nothing can be said.
 const LEAST_IN_VIEW: f64 = 0.25;
 /// Log-odds at which other places are looked for, and at which all is well.
@@ -40,8 +44,8 @@ impl Health {
         Self { log_odds: (odds / (1.0 - odds)).ln().clamp(BOUNDS[0], BOUNDS[1]), usual: None }
     }
 
-    /// Takes in what of a scan was explained, `elapsed_s` after the one before.
-    pub(super) fn observe(&mut self, explanation: &Explanation, elapsed_s: f64) {
+    /// Takes in what of a scan was explained, `elapsed_s` and `moved_m` after the one before.
+    pub(super) fn observe(&mut self, explanation: &Explanation, elapsed_s: f64, moved_m: f64) {
         let in_view = 1.0 - explanation.in_front - explanation.in_unknown;
         if in_view < LEAST_IN_VIEW {
             return;
@@ -56,9 +60,10 @@ impl Health {
         let share = (elapsed_s / PERIOD_S).clamp(0.0, 1.0);
         self.log_odds = (self.log_odds + share * log_odds).clamp(BOUNDS[0], BOUNDS[1]);
         if self.usual.is_none() || self.log_odds < SUSPICIOUS {
-            let newest = (elapsed_s / USUAL_S).clamp(0.0, 0.1);
+            let of_drive = (moved_m / USUAL_M).clamp(0.0, MOST_NEWEST);
             let off = explained - mean;
-            self.usual = Some([mean + newest * off, variance + newest * (off * off - variance)]);
+            let newest = if off > 0.0 { of_drive.max((elapsed_s / USUAL_S).clamp(0.0, MOST_NEWEST)) } else { of_drive };
+            self.usual = Some([mean + newest * off, variance + of_drive * (off * off - variance)]);
         }
     }
 

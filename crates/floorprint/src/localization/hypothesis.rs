@@ -7,7 +7,7 @@
 use super::localization_map::LocalizationMap;
 use super::sensing::{Explanation, Fit, Sensing};
 use crate::geometry::Pose2;
-use crate::geometry::covariance::{inverse, symmetric};
+use crate::geometry::covariance::{inverse, isotropic, symmetric};
 use crate::random::{Stage, generator};
 use crate::scan_matcher::PoseBelief;
 use crate::surface::SurfaceScan;
@@ -30,6 +30,9 @@ pub(super) struct Hypothesis {
     pub(super) explanation: Explanation,
     /// The mean of the last scans' explanations.
     pub(super) usual: Option<Explanation>,
+    /// The share of the rays on the map that it is accustomed to: what falls short of it is doubtful. Follows slowly where
+    /// it falls, so that a pose that drifts away from the robot does not become the usual one.
+    pub(super) accustomed: Option<f64>,
     /// How far the last fit lay from where the motion leads, standard deviations.
     pub(super) innovation_sigmas: f64,
     /// The same, metres.
@@ -62,8 +65,13 @@ const WEIGHED_POINTS: usize = 40;
 const INDEPENDENT_POINTS: f64 = 20.0;
 /// Share of the rays on the map below which a fit is looked at again with particles, against what is usual.
 const DOUBTFUL: f64 = 0.85;
-/// How many times the prior's standard deviation particles are spread then.
+/// How many times the prior's standard deviation particles are spread then, and by how much beyond that, metres and
+/// radians: what has drifted away is more certain than right.
 const WIDENED: f64 = 3.0;
+const DOUBTFUL_SIGMA_M: f64 = 0.3;
+const DOUBTFUL_SIGMA_RAD: f64 = 0.15;
+/// What the map explains less than before becomes the usual over this time, seconds.
+const ACCUSTOMED_S: f64 = 10.0;
 /// Weight of the newest scan in the mean of explanations.
 const NEWEST: f64 = 0.15;
 
@@ -76,6 +84,7 @@ impl Hypothesis {
             evidence: VecDeque::new(),
             explanation: Explanation::default(),
             usual: None,
+            accustomed: None,
             innovation_sigmas: 0.0,
             innovation_m: 0.0,
             last_motion: Pose2::IDENTITY,
@@ -105,6 +114,7 @@ impl Hypothesis {
         map: &LocalizationMap,
         sensing: &Sensing,
         scan: &SurfaceScan,
+        elapsed_s: f64,
         [seed, step]: [u64; 2],
         most_particles: usize,
     ) -> usize {
@@ -116,15 +126,19 @@ impl Hypothesis {
         let trusted_sigmas = TRUSTED_SIGMAS / scale.sqrt();
         let mut fit = sensing.fit(map, scan, &prior, trusted_sigmas);
         let mut explanation = sensing.explain(map, scan, &fit.belief.pose);
-        let is_doubtful = self.usual.is_some_and(|usual| explanation.on_map < DOUBTFUL * usual.on_map);
-        let widened = if is_doubtful { WIDENED } else { 1.0 };
-        let particles = self.particles_needed(widened).min(most_particles);
+        let is_doubtful = self.accustomed.is_some_and(|usual| explanation.on_map < DOUBTFUL * usual);
+        let spread = if is_doubtful {
+            WIDENED * WIDENED * self.covariance + isotropic(DOUBTFUL_SIGMA_M, DOUBTFUL_SIGMA_RAD)
+        } else {
+            self.covariance
+        };
+        let particles = particles_needed(&spread).min(most_particles);
         if particles > 1 {
             let value = |fit: &Fit, explanation: &Explanation| {
                 INDEPENDENT_POINTS * explanation.log_likelihood
                     - (0.5 * own.sigmas_to(&fit.belief.pose).powi(2)).ln_1p()
             };
-            for start in self.best_particles(map, sensing, scan, particles, widened, [seed, step]) {
+            for start in self.best_particles(map, sensing, scan, particles, &spread, [seed, step]) {
                 let other = sensing.fit_from(map, scan, &start, &prior, trusted_sigmas);
                 let its = sensing.explain(map, scan, &other.belief.pose);
                 let least = SWITCH - SWITCH_UNEXPLAINED * INDEPENDENT_POINTS * explanation.log_likelihood;
@@ -141,23 +155,13 @@ impl Hypothesis {
         self.scan_information = scale * fit.scan_information;
         self.covariance = symmetric(&inverse(&(own.information + self.scan_information)));
         self.explanation = explanation;
+        let follows = |accustomed: f64| {
+            let share = if explanation.on_map > accustomed { NEWEST } else { (elapsed_s / ACCUSTOMED_S).min(NEWEST) };
+            accustomed + share * (explanation.on_map - accustomed)
+        };
+        self.accustomed = Some(self.accustomed.map_or(explanation.on_map, follows));
         self.usual = Some(self.usual.map_or(explanation, |usual| usual.towards(&explanation, NEWEST)));
         particles
-    }
-
-    /// How many particles the prior needs.
-    fn particles_needed(&self, widened: f64) -> usize {
-        let bins = |variance: f64, bin: f64| 1.0 + (2.0 * widened * variance.max(0.0).sqrt() / bin).floor();
-        let bins = bins(self.covariance[(0, 0)], BIN_M)
-            * bins(self.covariance[(1, 1)], BIN_M)
-            * bins(self.covariance[(2, 2)], BIN_RAD);
-        if bins < 2.0 {
-            return 1;
-        }
-        // Wilson and Hilferty's approximation of the χ² quantile.
-        let spread = 2.0 / (9.0 * (bins - 1.0));
-        let root = 1.0 - spread + spread.sqrt() * QUANTILE_SIGMAS;
-        (((bins - 1.0) / (2.0 * DIVERGENCE) * root.powi(3)) as usize).clamp(2, MOST_PARTICLES)
     }
 
     /// The best of particles drawn from the prior, apart from each other.
@@ -167,10 +171,10 @@ impl Hypothesis {
         sensing: &Sensing,
         scan: &SurfaceScan,
         count: usize,
-        widened: f64,
+        spread: &Matrix3<f64>,
         [seed, step]: [u64; 2],
     ) -> Vec<Pose2> {
-        let Some(root) = self.covariance.cholesky().map(|factor| factor.l() * widened) else { return Vec::new() };
+        let Some(root) = spread.cholesky().map(|factor| factor.l()) else { return Vec::new() };
         let mut random = generator(seed, Stage::Proposal, step, self.id);
         let mut weighed: Vec<(f64, Pose2)> = (0..count)
             .map(|_| {
@@ -193,6 +197,19 @@ impl Hypothesis {
         }
         best
     }
+}
+
+/// How many particles a spread of poses needs.
+fn particles_needed(spread: &Matrix3<f64>) -> usize {
+    let bins = |axis: usize, bin: f64| 1.0 + (2.0 * spread[(axis, axis)].max(0.0).sqrt() / bin).floor();
+    let bins = bins(0, BIN_M) * bins(1, BIN_M) * bins(2, BIN_RAD);
+    if bins < 2.0 {
+        return 1;
+    }
+    // Wilson and Hilferty's approximation of the χ² quantile.
+    let spread = 2.0 / (9.0 * (bins - 1.0));
+    let root = 1.0 - spread + spread.sqrt() * QUANTILE_SIGMAS;
+    (((bins - 1.0) / (2.0 * DIVERGENCE) * root.powi(3)) as usize).clamp(2, MOST_PARTICLES)
 }
 
 /// By how much another pose has to be better than the one that follows from the motion, beside this share of what that

@@ -124,8 +124,8 @@ impl LocalizationMap {
         map
     }
 
-    /// Occupied cells at which rays may have ended: all of thin walls, however smeared, and the outermost ones of what is
-    /// solid; behind those nothing is ever seen.
+    /// Occupied cells at which rays may have ended: all of thin walls, however smeared, and of what is solid those that face
+    /// free space; behind those nothing is ever seen.
     fn seeds(&self) -> Vec<usize> {
         let is_inside = |cell: usize| {
             let (column, row) = (cell % self.columns, cell / self.columns);
@@ -150,7 +150,19 @@ impl LocalizationMap {
                 is_solid[begin..=row * self.columns + (column + reach).min(self.columns - 1)].fill(true);
             }
         }
-        (0..depth.len()).filter(|&cell| depth[cell] == 1 || (depth[cell] > 1 && !is_solid[cell])).collect()
+        let touches_free = |cell: usize| {
+            !is_inside(cell)
+                || [cell - self.columns - 1, cell - 1, cell + self.columns - 1]
+                    .iter()
+                    .any(|&corner| self.cells[corner..corner + 3].contains(&Occupancy::Free))
+        };
+        let is_seed = |&cell: &usize| match depth[cell] {
+            0 => false,
+            _ if !is_solid[cell] => true,
+            1 => touches_free(cell),
+            _ => false,
+        };
+        (0..depth.len()).filter(is_seed).collect()
     }
 
     /// The nearest seed of every cell within reach.

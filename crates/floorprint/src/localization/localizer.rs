@@ -7,6 +7,7 @@ use super::history::{self, GIVEN_UP, History, INDEPENDENT_RAYS, KeyScan};
 use super::hypothesis::Hypothesis;
 use super::localization_map::LocalizationMap;
 use super::report::{Explained, LocalizationReport, Mode};
+use super::scan_odometry::ScanOdometry;
 use super::sensing::Sensing;
 use crate::config::Config;
 use crate::frame::Frame;
@@ -40,6 +41,7 @@ pub struct Localizer {
     thinning: Thinning,
     sensing: Sensing,
     odometry: OdometryModel,
+    scan_odometry: ScanOdometry,
     /// The most probable first.
     hypotheses: Vec<Hypothesis>,
     next_id: u64,
@@ -96,6 +98,8 @@ const SAME_M: f64 = 0.3;
 const SAME_RAD: f64 = 0.15;
 /// A new search begins after so far a drive, metres.
 const SEARCH_EVERY_M: f64 = 1.0;
+/// Blocks that are looked at with each scan while a pose is claimed, at most.
+const CALM_BLOCKS: usize = 2_000;
 /// Hypotheses at most.
 const MOST_HYPOTHESES: usize = 128;
 /// Key scans that a pose must explain before it is claimed.
@@ -124,6 +128,8 @@ const UNMEASURED_M: f64 = 0.05;
 const UNMEASURED_RAD: f64 = 0.05;
 const UNMEASURED_M_PER_S: f64 = 0.5;
 const UNMEASURED_RAD_PER_S: f64 = 0.3;
+/// Scans that were matched to those before know the heading by this much better than the odometry.
+const SEEN_HEADING: f64 = 0.3;
 
 impl Localizer {
     /// A localizer that has seen nothing yet.
@@ -154,6 +160,7 @@ impl Localizer {
             seed: config.seed,
             thinning: config.matcher.thinning(),
             odometry: OdometryModel::default(),
+            scan_odometry: ScanOdometry::new(config),
             is_claimed: !hypotheses.is_empty(),
             hypotheses,
             next_id: 1,
@@ -212,19 +219,25 @@ impl Localizer {
 
     /// Moves all hypotheses along; the standard deviations of the motion, metres and radians.
     fn predict(&mut self, frame: &Frame) -> [f64; 2] {
-        let (motion, sigmas) = match &frame.motion {
-            Some(measured) => {
-                let motion = self.odometry.correct(measured);
-                let (sigma_m, sigma_rad) = self.motion.sigmas(&motion);
-                (motion, [self.odometry.noise() * sigma_m, sigma_rad])
+        let stated = frame.motion.as_ref().map(|measured| {
+            let motion = self.odometry.correct(measured);
+            let (sigma_m, sigma_rad) = self.motion.sigmas(&motion);
+            (motion, [self.odometry.noise() * sigma_m, sigma_rad])
+        });
+        let seen = self.scan_odometry.step(frame, stated.as_ref().map(|(motion, sigmas)| (motion, *sigmas)));
+        let elapsed_s = frame.elapsed_s;
+        let unmeasured =
+            [UNMEASURED_M + UNMEASURED_M_PER_S * elapsed_s, UNMEASURED_RAD + UNMEASURED_RAD_PER_S * elapsed_s];
+        let (motion, sigmas) = match stated {
+            _ if self.step == 1 => (Pose2::IDENTITY, [0.0; 2]),
+            Some((_, sigmas)) if seen.is_seen && !seen.contradicts => {
+                (seen.motion, [sigmas[0], SEEN_HEADING * sigmas[1]])
             }
-            None if self.step == 1 => (Pose2::IDENTITY, [0.0; 2]),
-            None => {
-                let motion = self.hypotheses.first().map_or(self.last_motion, |first| first.last_motion);
-                let elapsed_s = frame.elapsed_s;
-                let sigma_m = UNMEASURED_M + UNMEASURED_M_PER_S * elapsed_s;
-                (motion, [sigma_m, UNMEASURED_RAD + UNMEASURED_RAD_PER_S * elapsed_s])
-            }
+            // Along a bare corridor scans see no motion either.
+            Some((_, sigmas)) if seen.is_seen => (seen.motion, [sigmas[0].max(unmeasured[0]), sigmas[1]]),
+            Some((motion, sigmas)) => (motion, sigmas),
+            // Where nothing measures the motion a bare place looks the same wherever the robot goes.
+            None => (self.hypotheses.first().map_or(self.last_motion, |first| first.last_motion), unmeasured),
         };
         let noise = isotropic(sigmas[0], sigmas[1]);
         self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(&motion, &noise));
@@ -257,8 +270,11 @@ impl Localizer {
         let most = self.config.particles / self.hypotheses.len().max(1).pow(2);
         let particles = match &mut self.hypotheses[..count] {
             // A single one is not worth a thread.
-            [only] => only.correct(map, sensing, scan, [seed, step], most),
-            all => all.par_iter_mut().map(|each| each.correct(map, sensing, scan, [seed, step], most)).sum(),
+            [only] => only.correct(map, sensing, scan, frame.elapsed_s, [seed, step], most),
+            all => all
+                .par_iter_mut()
+                .map(|each| each.correct(map, sensing, scan, frame.elapsed_s, [seed, step], most))
+                .sum(),
         };
         if let (true, Some(measured), Some((predicted, motion)), Some(first)) =
             (self.is_claimed && self.suspicion.is_none(), &frame.motion, before, self.hypotheses.first())
@@ -280,7 +296,7 @@ impl Localizer {
     /// Watches over the pose that is claimed.
     fn look_after(&mut self, elapsed_s: f64) {
         let Some(first) = self.hypotheses.first() else { return };
-        self.health.observe(&first.explanation, elapsed_s);
+        self.health.observe(&first.explanation, elapsed_s, first.last_motion.distance());
         let jumped = first.innovation_sigmas > JUMP_SIGMAS && first.innovation_m > JUMP_M;
         if self.suspicion.is_none() && (self.health.is_suspicious() || jumped) && self.step > 1 {
             self.suspicion = Some([0.0; 2]);
@@ -336,7 +352,13 @@ impl Localizer {
     /// One slice of the search; what it found joins the hypotheses once it is over.
     fn search(&mut self) {
         let Some(search) = &mut self.search else { return };
-        if !search.search.work(&self.pyramid, self.config.search_blocks_per_scan) {
+        // A robot that is most probably where it is said to be can wait.
+        let blocks = if self.is_claimed {
+            CALM_BLOCKS.min(self.config.search_blocks_per_scan)
+        } else {
+            self.config.search_blocks_per_scan
+        };
+        if !search.search.work(&self.pyramid, blocks) {
             return;
         }
         let Some(Search { search, odom, key_scans }) = self.search.take() else { return };
@@ -405,7 +427,12 @@ impl Localizer {
         let usual = first.usual.unwrap_or_default();
         let sigma_m = (first.covariance[(0, 0)] + first.covariance[(1, 1)]).sqrt();
         let stands_alone = *weight >= self.config.claim_probability && self.history.len() >= LEAST_KEY_SCANS;
-        let explains = usual.on_map >= self.config.claim_on_map && first.explanation.on_map >= self.config.claim_on_map;
+        let LocalizationConfig { claim_on_map, claim_in_view, .. } = self.config;
+        // Whoever walks in front hides the map, but does not speak against it.
+        let explains = [&usual, &first.explanation].iter().all(|shares| {
+            shares.on_map >= claim_on_map
+                || (shares.on_map >= 0.5 * claim_on_map && shares.on_map >= claim_in_view * (1.0 - shares.in_front))
+        });
         if stands_alone && explains && sigma_m < LARGEST_SIGMA_M {
             self.health = Health::new(1.0 - weight);
             self.is_claimed = true;
