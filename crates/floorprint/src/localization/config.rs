@@ -58,7 +58,7 @@ impl Default for LocalizationConfig {
             search_margin: 0.25,
             search_most: 64,
             search_blocks: 160_000,
-            search_blocks_per_scan: 20_000,
+            search_blocks_per_scan: 8_000,
             start_sigma_m: 0.2,
             start_sigma_rad: 0.1,
         }
