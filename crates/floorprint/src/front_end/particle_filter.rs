@@ -31,7 +31,7 @@ use std::sync::Arc;
 const CARVE_EVERY: usize = 3;
 
 /// N particles, each with a map of its own.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ParticleFilter {
     seed: u64,
     config: FilterConfig,

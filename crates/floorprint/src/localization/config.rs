@@ -14,6 +14,9 @@ pub struct LocalizationConfig {
     /// that explains less than four fifths of what is seen another place may do so as well.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub claim_on_map: f64,
+    /// … or, where half of that is on the map, this share of the rays that do not end on small things in front: people.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub claim_in_view: f64,
     /// Once it is more probable than this that the robot is lost, its pose is no longer claimed.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub lost_probability: f64,
@@ -48,13 +51,14 @@ impl Default for LocalizationConfig {
         Self {
             claim_probability: 0.9995,
             claim_on_map: 0.8,
+            claim_in_view: 0.9,
             lost_probability: 0.5,
             particles: 100_000,
             search_points: 64,
             search_margin: 0.25,
             search_most: 64,
             search_blocks: 160_000,
-            search_blocks_per_scan: 20_000,
+            search_blocks_per_scan: 8_000,
             start_sigma_m: 0.2,
             start_sigma_rad: 0.1,
         }

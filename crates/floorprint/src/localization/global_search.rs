@@ -198,7 +198,8 @@ impl GlobalSearch {
         for _ in 0..blocks {
             let Some(block) = self.open.peek().copied() else { return true };
             let best = self.found.first().map_or(0.0, |best| best.score);
-            let is_over = f64::from(block.bound) < (best - self.margin) * self.full_score;
+            let least = (best - self.margin) * self.full_score;
+            let is_over = f64::from(block.bound) < least;
             if is_over || self.found.len() >= self.most || self.blocks_left == 0 {
                 return true;
             }
@@ -218,6 +219,9 @@ impl GlobalSearch {
                 let (x, y) = (block.x + dx, block.y + dy);
                 if free.at(i32::from(x) >> level, i32::from(y) >> level) > 0 {
                     let bound = bound(pyramid, &self.rotated[usize::from(block.heading)], level, x, y);
+                    if f64::from(bound) < least {
+                        continue;
+                    }
                     self.open.push(Block { bound, fineness: TOP_LEVEL - level, heading: block.heading, y, x });
                 }
             }

@@ -25,6 +25,12 @@ const POINT_REACH_CELLS: f64 = 1.5;
 const FEWEST_POINTS: u32 = 3;
 /// What is so many cells deep is solid, and no wall that was smeared.
 const SOLID_DEPTH: u8 = 3;
+/// In a map whose walls are this thick at the median, in cells, walls were drawn thicker than they are: a scan ends anywhere
+/// in the first cells behind the free ones.
+const SMEARED_CELLS: std::ops::RangeInclusive<usize> = 3..=8;
+const SMEAR_DEPTH: usize = 3;
+/// Thicker walls are not told apart, cells.
+const SOLID_CELLS: usize = 20;
 /// A wall of more cells than this is smeared; its line shows over so many times its thickness.
 const THICK_CELLS: f64 = 1.6;
 const LENGTH_PER_THICKNESS: f64 = 2.0;
@@ -124,9 +130,12 @@ impl LocalizationMap {
         map
     }
 
-    /// Occupied cells at which rays may have ended: all of thin walls, however smeared, and the outermost ones of what is
-    /// solid; behind those nothing is ever seen.
+    /// Occupied cells at which rays may have ended: all of thin walls, however smeared, and of what is solid those that face
+    /// free space; behind those nothing is ever seen.
     fn seeds(&self) -> Vec<usize> {
+        if SMEARED_CELLS.contains(&self.median_thickness()) {
+            return self.within_smear();
+        }
         let is_inside = |cell: usize| {
             let (column, row) = (cell % self.columns, cell / self.columns);
             column > 0 && row > 0 && column + 1 < self.columns && row + 1 < self.rows
@@ -150,7 +159,84 @@ impl LocalizationMap {
                 is_solid[begin..=row * self.columns + (column + reach).min(self.columns - 1)].fill(true);
             }
         }
-        (0..depth.len()).filter(|&cell| depth[cell] == 1 || (depth[cell] > 1 && !is_solid[cell])).collect()
+        let touches_free = |cell: usize| {
+            !is_inside(cell)
+                || [cell - self.columns - 1, cell - 1, cell + self.columns - 1]
+                    .iter()
+                    .any(|&corner| self.cells[corner..corner + 3].contains(&Occupancy::Free))
+        };
+        let is_seed = |&cell: &usize| match depth[cell] {
+            0 => false,
+            _ if !is_solid[cell] => true,
+            1 => touches_free(cell),
+            _ => false,
+        };
+        (0..depth.len()).filter(is_seed).collect()
+    }
+
+    /// How many occupied cells lie behind each other where free ones begin: the median over rows and columns.
+    fn median_thickness(&self) -> usize {
+        let mut of_thickness = [0_usize; SOLID_CELLS + 1];
+        let mut count_runs = |cells: &mut dyn Iterator<Item = Occupancy>| {
+            let mut before = Occupancy::Unknown;
+            let (mut length, mut begins_free) = (0, false);
+            for cell in cells {
+                if cell == Occupancy::Occupied {
+                    if length == 0 {
+                        begins_free = before == Occupancy::Free;
+                    }
+                    length += 1;
+                } else if length > 0 {
+                    if begins_free || cell == Occupancy::Free {
+                        of_thickness[length.min(SOLID_CELLS)] += 1;
+                    }
+                    length = 0;
+                }
+                before = cell;
+            }
+        };
+        for row in self.cells.chunks_exact(self.columns) {
+            count_runs(&mut row.iter().copied());
+        }
+        for column in 0..self.columns {
+            count_runs(&mut self.cells.iter().skip(column).step_by(self.columns).copied());
+        }
+        let half = of_thickness.iter().sum::<usize>() / 2;
+        let mut sum = 0;
+        of_thickness
+            .iter()
+            .position(|count| {
+                sum += count;
+                sum > half
+            })
+            .unwrap_or(0)
+    }
+
+    /// Occupied cells that lie no deeper behind free ones than a smeared wall is seen.
+    fn within_smear(&self) -> Vec<usize> {
+        let mut depth: Vec<usize> =
+            self.cells.iter().map(|cell| if *cell == Occupancy::Free { 0 } else { usize::MAX }).collect();
+        let mut front: Vec<usize> = (0..depth.len()).filter(|&cell| depth[cell] == 0).collect();
+        for level in 1..=SMEAR_DEPTH {
+            let mut next = Vec::new();
+            for cell in front {
+                let column = cell % self.columns;
+                let beside = [
+                    cell.checked_sub(self.columns),
+                    cell.checked_add(self.columns).filter(|&cell| cell < depth.len()),
+                    (column > 0).then(|| cell - 1),
+                    (column + 1 < self.columns).then(|| cell + 1),
+                ];
+                for cell in beside.into_iter().flatten() {
+                    if depth[cell] == usize::MAX && self.cells[cell] == Occupancy::Occupied {
+                        depth[cell] = level;
+                        next.push(cell);
+                    }
+                }
+            }
+            front = next;
+        }
+        (0..depth.len()).filter(|&cell| (1..=SMEAR_DEPTH).contains(&depth[cell])).collect()
     }
 
     /// The nearest seed of every cell within reach.
@@ -335,6 +421,13 @@ impl LocalizationMap {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.surfaces.is_empty() || self.free_cells == 0
+    }
+
+    /// Median of the variances of its surfaces, m².
+    pub(super) fn median_variance_m2(&self) -> f64 {
+        let mut variances: Vec<f32> = self.surfaces.iter().map(|surface| surface.variance_m2).collect();
+        variances.sort_by(f32::total_cmp);
+        variances.get(variances.len() / 2).map_or(0.0, |&median| f64::from(median))
     }
 
     /// Number of columns and rows.

@@ -7,12 +7,14 @@ use super::history::{self, GIVEN_UP, History, INDEPENDENT_RAYS, KeyScan};
 use super::hypothesis::Hypothesis;
 use super::localization_map::LocalizationMap;
 use super::report::{Explained, LocalizationReport, Mode};
+use super::scan_odometry::ScanOdometry;
 use super::sensing::Sensing;
 use crate::config::Config;
 use crate::frame::Frame;
 use crate::front_end::OdometryModel;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::isotropic;
+use crate::key_scan::Drift;
 use crate::motion_model::MotionConfig;
 use crate::slam::SlamError;
 use crate::surface::{SurfaceScan, Thinning};
@@ -40,6 +42,7 @@ pub struct Localizer {
     thinning: Thinning,
     sensing: Sensing,
     odometry: OdometryModel,
+    scan_odometry: ScanOdometry,
     /// The most probable first.
     hypotheses: Vec<Hypothesis>,
     next_id: u64,
@@ -55,6 +58,8 @@ pub struct Localizer {
     /// `odom_from_body`.
     odom: Pose2,
     last_motion: Pose2,
+    /// Whether the last scan follows from those before.
+    follows: bool,
     /// Since the last key scan: metres, radians and their standard deviations.
     since_key: SinceKey,
     /// Driven since the search for the robot began, metres.
@@ -69,6 +74,7 @@ struct SinceKey {
     path_m: f64,
     turn_rad: f64,
     variances: [f64; 2],
+    drift: Drift,
 }
 
 /// A search that is under way, for what was seen up to a key scan.
@@ -96,12 +102,17 @@ const SAME_M: f64 = 0.3;
 const SAME_RAD: f64 = 0.15;
 /// A new search begins after so far a drive, metres.
 const SEARCH_EVERY_M: f64 = 1.0;
+/// Blocks that are looked at with each scan while a pose is claimed, at most.
+const CALM_BLOCKS: usize = 2_000;
 /// Hypotheses at most.
 const MOST_HYPOTHESES: usize = 128;
 /// Key scans that a pose must explain before it is claimed.
 const LEAST_KEY_SCANS: usize = 3;
-/// A claimed pose is this uncertain at most, metres.
+/// A pose is this uncertain at most when it is claimed, and from when on it is withdrawn, metres.
 const LARGEST_SIGMA_M: f64 = 0.4;
+const WITHDRAWN_SIGMA_M: f64 = 0.5;
+/// A robot that is farther than this from where it is said to be is lost, metres.
+const LOST_M: f64 = 0.5;
 /// Mean log-likelihood of a ray where the robot is in a place that nobody proposed: half of what it sees fits by chance.
 const ELSEWHERE: f64 = -3.2;
 /// What a share of the points that do not score costs in log-likelihood.
@@ -124,6 +135,8 @@ const UNMEASURED_M: f64 = 0.05;
 const UNMEASURED_RAD: f64 = 0.05;
 const UNMEASURED_M_PER_S: f64 = 0.5;
 const UNMEASURED_RAD_PER_S: f64 = 0.3;
+/// Scans that were matched to those before know the heading by this much better than the odometry.
+const SEEN_HEADING: f64 = 0.3;
 
 impl Localizer {
     /// A localizer that has seen nothing yet.
@@ -146,7 +159,7 @@ impl Localizer {
             Start::At(pose) => vec![Hypothesis::new(0, map.grid_from_map(&pose), of_start)],
         };
         Self {
-            sensing: Sensing::new(&config.matcher, map.resolution_m()),
+            sensing: Sensing::new(&config.matcher, &map),
             map,
             pyramid,
             config: config.localization.clone(),
@@ -154,6 +167,7 @@ impl Localizer {
             seed: config.seed,
             thinning: config.matcher.thinning(),
             odometry: OdometryModel::default(),
+            scan_odometry: ScanOdometry::new(config),
             is_claimed: !hypotheses.is_empty(),
             hypotheses,
             next_id: 1,
@@ -164,6 +178,7 @@ impl Localizer {
             suspicion: None,
             odom: Pose2::IDENTITY,
             last_motion: Pose2::IDENTITY,
+            follows: true,
             since_key: SinceKey::default(),
             searched_m: 0.0,
             last_search_m: 0.0,
@@ -212,28 +227,40 @@ impl Localizer {
 
     /// Moves all hypotheses along; the standard deviations of the motion, metres and radians.
     fn predict(&mut self, frame: &Frame) -> [f64; 2] {
-        let (motion, sigmas) = match &frame.motion {
-            Some(measured) => {
-                let motion = self.odometry.correct(measured);
-                let (sigma_m, sigma_rad) = self.motion.sigmas(&motion);
-                (motion, [self.odometry.noise() * sigma_m, sigma_rad])
+        let stated = frame.motion.as_ref().map(|measured| {
+            let motion = self.odometry.correct(measured);
+            let (sigma_m, sigma_rad) = self.motion.sigmas(&motion);
+            (motion, [self.odometry.noise() * sigma_m, sigma_rad])
+        });
+        let seen = self.scan_odometry.step(frame, stated.as_ref().map(|(motion, sigmas)| (motion, *sigmas)));
+        let elapsed_s = frame.elapsed_s;
+        let (motion, sigmas) = match stated {
+            _ if self.step == 1 => (Pose2::IDENTITY, [0.0; 2]),
+            Some((_, [sigma_m, sigma_rad])) if seen.is_seen => {
+                (seen.motion, [sigma_m, if seen.contradicts { sigma_rad } else { SEEN_HEADING * sigma_rad }])
             }
-            None if self.step == 1 => (Pose2::IDENTITY, [0.0; 2]),
+            Some((motion, sigmas)) => (motion, sigmas),
+            None if seen.is_seen => {
+                let (sigma_m, sigma_rad) = self.motion.sigmas(&seen.motion);
+                (seen.motion, [sigma_m, sigma_rad])
+            }
             None => {
-                let motion = self.hypotheses.first().map_or(self.last_motion, |first| first.last_motion);
-                let elapsed_s = frame.elapsed_s;
-                let sigma_m = UNMEASURED_M + UNMEASURED_M_PER_S * elapsed_s;
-                (motion, [sigma_m, UNMEASURED_RAD + UNMEASURED_RAD_PER_S * elapsed_s])
+                let unmeasured =
+                    [UNMEASURED_M + UNMEASURED_M_PER_S * elapsed_s, UNMEASURED_RAD + UNMEASURED_RAD_PER_S * elapsed_s];
+                (self.hypotheses.first().map_or(self.last_motion, |first| first.last_motion), unmeasured)
             }
         };
+        self.follows = seen.is_seen;
         let noise = isotropic(sigmas[0], sigmas[1]);
-        self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(&motion, &noise));
+        let drift = if self.step == 1 { Drift::default() } else { seen.drift };
+        self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.predict(&motion, &noise, &drift));
         self.odom = self.odom.compose(&motion);
         self.last_motion = motion;
         let since = &mut self.since_key;
         since.path_m += motion.distance();
         since.turn_rad += motion.theta.abs();
         (0..2).for_each(|axis| since.variances[axis] += sigmas[axis] * sigmas[axis]);
+        since.drift.add(&drift);
         if !self.is_claimed || self.suspicion.is_some() {
             self.searched_m += motion.distance();
         }
@@ -254,11 +281,16 @@ impl Localizer {
     fn correct(&mut self, scan: &SurfaceScan, frame: &Frame, sigmas: [f64; 2], count: usize) -> usize {
         let (map, sensing, seed, step) = (&self.map, &self.sensing, self.seed, self.step);
         let before = self.hypotheses.first().map(|first| (first.pose, first.last_motion));
-        let most = self.config.particles / self.hypotheses.len().max(1).pow(2);
+        // While there are many, each is told apart from the others before any is looked at more closely.
+        let all = self.hypotheses.len().max(1);
+        let most = if all > FEW { 1 } else { self.config.particles / all.pow(2) };
         let particles = match &mut self.hypotheses[..count] {
             // A single one is not worth a thread.
-            [only] => only.correct(map, sensing, scan, [seed, step], most),
-            all => all.par_iter_mut().map(|each| each.correct(map, sensing, scan, [seed, step], most)).sum(),
+            [only] => only.correct(map, sensing, scan, frame.elapsed_s, [seed, step], most),
+            all => all
+                .par_iter_mut()
+                .map(|each| each.correct(map, sensing, scan, frame.elapsed_s, [seed, step], most))
+                .sum(),
         };
         if let (true, Some(measured), Some((predicted, motion)), Some(first)) =
             (self.is_claimed && self.suspicion.is_none(), &frame.motion, before, self.hypotheses.first())
@@ -280,7 +312,8 @@ impl Localizer {
     /// Watches over the pose that is claimed.
     fn look_after(&mut self, elapsed_s: f64) {
         let Some(first) = self.hypotheses.first() else { return };
-        self.health.observe(&first.explanation, elapsed_s);
+        self.health.observe(&first.explanation, elapsed_s, first.last_motion.distance(), self.follows);
+        let sigma_m = first.sigma_m();
         let jumped = first.innovation_sigmas > JUMP_SIGMAS && first.innovation_m > JUMP_M;
         if self.suspicion.is_none() && (self.health.is_suspicious() || jumped) && self.step > 1 {
             self.suspicion = Some([0.0; 2]);
@@ -294,7 +327,7 @@ impl Localizer {
             self.hypotheses.truncate(1);
             self.begin_again();
         }
-        if self.health.lost_probability() > self.config.lost_probability {
+        if self.health.lost_probability() > self.config.lost_probability || sigma_m > WITHDRAWN_SIGMA_M {
             self.is_claimed = false;
             if self.suspicion.take().is_none() {
                 self.begin_again();
@@ -313,7 +346,10 @@ impl Localizer {
     /// Takes a scan into the history, and what it says of each hypothesis.
     fn remember(&mut self, scan: &Arc<SurfaceScan>) {
         let since = std::mem::take(&mut self.since_key);
-        let sigmas = since.variances.map(|variance| variance.sqrt().max(1e-3));
+        let sigmas = [
+            since.variances[0].sqrt().max(1e-3) + since.drift.sigma_m,
+            since.variances[1].sqrt().max(1e-3) + since.drift.sigma_rad,
+        ];
         let is_full = self.history.push(KeyScan { scan: scan.clone(), odom: self.odom, sigmas });
         for hypothesis in &mut self.hypotheses {
             let bent = (0.5 * hypothesis.innovation_sigmas.powi(2)).ln_1p();
@@ -336,7 +372,13 @@ impl Localizer {
     /// One slice of the search; what it found joins the hypotheses once it is over.
     fn search(&mut self) {
         let Some(search) = &mut self.search else { return };
-        if !search.search.work(&self.pyramid, self.config.search_blocks_per_scan) {
+        // A robot that is most probably where it is said to be can wait.
+        let blocks = if self.is_claimed {
+            CALM_BLOCKS.min(self.config.search_blocks_per_scan)
+        } else {
+            self.config.search_blocks_per_scan
+        };
+        if !search.search.work(&self.pyramid, blocks) {
             return;
         }
         let Some(Search { search, odom, key_scans }) = self.search.take() else { return };
@@ -355,7 +397,8 @@ impl Localizer {
         let mut weighed = self.history.weigh(&self.map, &self.sensing, &self.history.cloud(), &poses, self.next_id);
         self.next_id += poses.len() as u64;
         let noise = isotropic(self.since_key.variances[0].sqrt(), self.since_key.variances[1].sqrt());
-        weighed.iter_mut().for_each(|hypothesis| hypothesis.predict(&since_newest, &noise));
+        let drift = self.since_key.drift;
+        weighed.iter_mut().for_each(|hypothesis| hypothesis.predict(&since_newest, &noise, &drift));
         self.hypotheses.extend(weighed);
     }
 
@@ -403,9 +446,14 @@ impl Localizer {
             return;
         };
         let usual = first.usual.unwrap_or_default();
-        let sigma_m = (first.covariance[(0, 0)] + first.covariance[(1, 1)]).sqrt();
+        let sigma_m = first.sigma_m();
         let stands_alone = *weight >= self.config.claim_probability && self.history.len() >= LEAST_KEY_SCANS;
-        let explains = usual.on_map >= self.config.claim_on_map && first.explanation.on_map >= self.config.claim_on_map;
+        let LocalizationConfig { claim_on_map, claim_in_view, .. } = self.config;
+        // Whoever walks in front hides the map, but does not speak against it.
+        let explains = [&usual, &first.explanation].iter().all(|shares| {
+            shares.on_map >= claim_on_map
+                || (shares.on_map >= 0.5 * claim_on_map && shares.on_map >= claim_in_view * (1.0 - shares.in_front))
+        });
         if stands_alone && explains && sigma_m < LARGEST_SIGMA_M {
             self.health = Health::new(1.0 - weight);
             self.is_claimed = true;
@@ -475,8 +523,9 @@ impl Localizer {
             .map(|(hypothesis, &weight)| Mode { pose: self.map.map_from_grid(&hypothesis.pose), weight })
             .collect();
         let first = weights.first().copied().unwrap_or(0.0);
-        let lost_probability =
-            if self.is_claimed { self.health.lost_probability().max(1.0 - first) } else { 1.0 - first };
+        let elsewhere = if self.is_claimed { self.health.lost_probability().max(1.0 - first) } else { 1.0 - first };
+        let astray = self.hypotheses.first().map_or(0.0, |first| beyond(LOST_M / first.sigma_m().max(1e-6)));
+        let lost_probability = 1.0 - (1.0 - elsewhere) * (1.0 - astray);
         LocalizationReport {
             index: frame.index,
             stamp_s: frame.stamp_s,
@@ -491,6 +540,14 @@ impl Localizer {
             particles,
         }
     }
+}
+
+/// How probable it is that a normal variable is more than so many standard deviations off (Abramowitz & Stegun 1964, 7.1.26).
+fn beyond(sigmas: f64) -> f64 {
+    let x = sigmas * std::f64::consts::FRAC_1_SQRT_2;
+    let t = 1.0 / (1.0 + 0.327_591_1 * x);
+    let factors = [1.061_405_429, -1.453_152_027, 1.421_413_741, -0.284_496_736, 0.254_829_592];
+    (factors.iter().fold(0.0, |sum, factor| (sum + factor) * t) * (-x * x).exp()).clamp(0.0, 1.0)
 }
 
 fn is_same(a: &Pose2, b: &Pose2) -> bool {

@@ -11,6 +11,7 @@ mod localization_map;
 mod localizer;
 mod map_changes;
 mod report;
+mod scan_odometry;
 mod sensing;
 #[cfg(test)]
 mod tests;

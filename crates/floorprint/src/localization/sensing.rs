@@ -15,6 +15,8 @@ pub(super) struct Sensing {
     flat_m2: f32,
     /// Inverse variance of a point's distance from a surface without direction, 1/m².
     rough: f32,
+    /// Median variance of where the map has its surfaces, m²: an error that all scans of a place share.
+    shared_m2: f64,
 }
 
 /// Where a scan fits the map.
@@ -58,6 +60,11 @@ impl Explanation {
     }
 }
 
+/// Scans share the errors of the map over this drive, metres; so many of them at most. A turn by one radian shows as much that
+/// is new as a drive of so many metres.
+const SHARED_OVER_M: f64 = 1.0;
+const MOST_SHARING: f64 = 100.0;
+const TURN_AS_MOTION_M: f64 = 0.5;
 /// Rays that a scan is explained by.
 const RAYS: usize = 100;
 /// A surface may lie this share of a cell from where the map shows it (standard deviation).
@@ -81,12 +88,14 @@ const PAST_EDGE_M: f32 = 0.3;
 const PAST_SMALL_M: f32 = 0.4;
 
 impl Sensing {
-    /// For a map of cells of side `resolution_m`.
-    pub(super) fn new(matcher: &MatcherConfig, resolution_m: f64) -> Self {
+    /// For a map.
+    pub(super) fn new(matcher: &MatcherConfig, map: &LocalizationMap) -> Self {
+        let resolution_m = map.resolution_m();
         let rough_sigma_m = matcher.rough_sigma_m.hypot(OF_CELL * resolution_m);
         Self {
             flat_m2: matcher.sigma_m.powi(2) as f32,
             rough: rough_sigma_m.powi(-2) as f32,
+            shared_m2: map.median_variance_m2(),
             matcher: MatcherConfig { sigma_m: matcher.sigma_m.hypot(OF_CELL * resolution_m), ..matcher.clone() },
         }
     }
@@ -95,6 +104,19 @@ impl Sensing {
     #[inline]
     fn through_m(&self, surface: &MapSurface) -> f32 {
         THROUGH_M + 4.0 * (self.flat_m2 + surface.variance_m2).sqrt()
+    }
+
+    /// How many scans see about the same, given the motion from one to the next.
+    pub(super) fn sharing(&self, motion: &Pose2) -> f64 {
+        let moved_m = motion.distance() + TURN_AS_MOTION_M * motion.theta.abs();
+        SHARED_OVER_M / moved_m.clamp(SHARED_OVER_M / MOST_SHARING, SHARED_OVER_M)
+    }
+
+    /// How much of a scan's information is new after a motion. Scans of the same walls share the walls' errors in the map:
+    /// however many there are, together they know a place no better than the map does.
+    pub(super) fn independence(&self, motion: &Pose2) -> f64 {
+        let own_m2 = f64::from(self.flat_m2);
+        (own_m2 + self.shared_m2) / (own_m2 + self.sharing(motion) * self.shared_m2)
     }
 
     /// Fits a scan to the map from the mean of a `prior` that may itself be wrong: from about `trusted_sigmas` away from

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::{Config, Layer};
-use crate::frame::Frame;
+use crate::frame::{BodyScan, Frame};
 use crate::frames::Frames;
 use crate::geometry::Pose2;
 use crate::map::{Occupancy, Raster};
@@ -95,6 +95,90 @@ fn a_kidnapped_robot_is_said_to_be_lost_and_found_again() {
     assert!(errors_m.len() > 20 && errors_m.iter().all(|&error_m| error_m < 0.3), "{errors_m:?}");
 }
 
+/// What a robot at `at` (metres, looking along x) in a rectangle from `low` to `high` sees.
+fn scan_in_rectangle(at: [f64; 2], low: [f64; 2], high: [f64; 2], most_m: f64) -> BodyScan {
+    let mut scan = BodyScan::default();
+    for ray in 0..360 {
+        let (sin, cos) = (f64::from(ray) + 0.5).to_radians().sin_cos();
+        let to_x = if cos > 0.0 { high[0] - at[0] } else { low[0] - at[0] } / cos;
+        let to_y = if sin > 0.0 { high[1] - at[1] } else { low[1] - at[1] } / sin;
+        let range = to_x.min(to_y);
+        if range < most_m {
+            scan.hits.push((range * cos) as f32, (range * sin) as f32);
+        }
+    }
+    scan
+}
+
+/// A rectangle of free floor, inner size in metres, with walls of so many cells of 5 cm; its lower left inner corner lies
+/// at (1, 1) m.
+fn walled(inner_m: [f64; 2], wall_cells: usize) -> Raster<Occupancy> {
+    let inner = inner_m.map(|side| (side / 0.05).round() as usize);
+    let (width, height) = (inner[0] + 40, inner[1] + 40);
+    let mut cells = vec![Occupancy::Unknown; width * height];
+    for row in 20 - wall_cells..20 + inner[1] + wall_cells {
+        for column in 20 - wall_cells..20 + inner[0] + wall_cells {
+            let is_free = (20..20 + inner[1]).contains(&row) && (20..20 + inner[0]).contains(&column);
+            cells[row * width + column] = if is_free { Occupancy::Free } else { Occupancy::Occupied };
+        }
+    }
+    Raster { width, height, resolution_m: 0.05, origin_m: [0.0, 0.0], cells }
+}
+
+#[test]
+fn wheels_that_get_stuck_in_a_bare_corridor_do_not_keep_a_claim() {
+    // 60 m long, and nothing to be seen of its ends but at the beginning.
+    let map = Arc::new(LocalizationMap::new(&walled([60.0, 3.0], 1)));
+    let config = Config::default();
+    let mut localizer = Localizer::new(map, Start::At(Pose2::new(3.0, 2.4, 0.0)), &config);
+    let mut claimed_for = 0;
+    for step in 0..150 {
+        let at = [3.0 + 0.1 * f64::from(step), 2.4];
+        let is_stuck = at[0] > 12.0;
+        let frame = Frame {
+            index: step as usize,
+            stamp_s: 0.2 * f64::from(step),
+            elapsed_s: if step == 0 { 0.0 } else { 0.2 },
+            motion: Some(Pose2::new(if step == 0 || is_stuck { 0.0 } else { 0.1 }, 0.0, 0.0)),
+            dead_reckoning: Pose2::IDENTITY,
+            scan: scan_in_rectangle(at, [0.975, 0.975], [61.025, 4.025], 8.0),
+        };
+        let report = localizer.process(&frame).unwrap();
+        let Some(pose) = report.pose else { continue };
+        let off_m = (pose.x - at[0]).abs();
+        assert!(is_stuck || off_m < 0.4, "step {step}: {off_m} m off before anything went wrong");
+        claimed_for = if off_m > 0.5 { claimed_for + 1 } else { 0 };
+        assert!(claimed_for < 10, "step {step}: claimed for 2 s though {off_m} m off, {report:?}");
+    }
+}
+
+#[test]
+fn walls_drawn_too_thick_are_where_scans_see_them() {
+    // Walls of six cells: scans end anywhere in the first ones, here 7.5 cm behind the free ones.
+    let behind_m = 0.075;
+    let map = LocalizationMap::new(&walled([8.0, 5.0], 6));
+    let config = Config::default();
+    let mut localizer = Localizer::new(Arc::new(map), Start::At(Pose2::new(3.1, 2.3, 0.02)), &config);
+    for step in 0..30 {
+        let at = [3.0 + 0.1 * f64::from(step), 2.4];
+        let frame = Frame {
+            index: step as usize,
+            stamp_s: 0.2 * f64::from(step),
+            elapsed_s: if step == 0 { 0.0 } else { 0.2 },
+            motion: Some(Pose2::new(if step == 0 { 0.0 } else { 0.1 }, 0.0, 0.0)),
+            dead_reckoning: Pose2::IDENTITY,
+            scan: scan_in_rectangle(at, [1.0 - behind_m; 2], [9.0 + behind_m, 6.0 + behind_m], 20.0),
+        };
+        let report = localizer.process(&frame).unwrap();
+        let pose = report.pose.unwrap();
+        assert!(report.explained.on_map > 0.95, "step {step}: {:?}", report.explained);
+        if step > 10 {
+            let off_m = (pose.x - at[0]).hypot(pose.y - at[1]);
+            assert!(off_m < 0.02, "step {step}: {off_m} m off");
+        }
+    }
+}
+
 #[test]
 fn in_a_room_that_exists_twice_nothing_is_claimed() {
     // Two empty rooms of 6 m × 4 m, alike to the cell.
@@ -115,22 +199,14 @@ fn in_a_room_that_exists_twice_nothing_is_claimed() {
     let mut last = None;
     for step in 0..26 {
         let at = [2.0 + 0.1 * f64::from(step), 2.2];
-        let mut frame = Frame {
+        let frame = Frame {
             index: step as usize,
             stamp_s: 0.2 * f64::from(step),
             elapsed_s: 0.2,
             motion: Some(Pose2::new(if step == 0 { 0.0 } else { 0.1 }, 0.0, 0.0)),
             dead_reckoning: Pose2::IDENTITY,
-            scan: Default::default(),
+            scan: scan_in_rectangle(at, [0.525, 0.475], [6.525, 4.475], f64::INFINITY),
         };
-        for ray in 0..360 {
-            let angle = (f64::from(ray) + 0.5).to_radians();
-            let (sin, cos) = angle.sin_cos();
-            let to_x = if cos > 0.0 { 6.525 - at[0] } else { 0.525 - at[0] } / cos;
-            let to_y = if sin > 0.0 { 4.475 - at[1] } else { 0.475 - at[1] } / sin;
-            let range = to_x.min(to_y);
-            frame.scan.hits.push((range * cos) as f32, (range * sin) as f32);
-        }
         let report = localizer.process(&frame).unwrap();
         assert_eq!(report.pose, None, "step {step}: {:?}", report.modes);
         last = Some(report);
