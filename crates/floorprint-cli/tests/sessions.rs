@@ -144,7 +144,10 @@ fn what_is_no_session_is_told() {
         bytes[at] ^= 0x55;
         fs::write(&path, &bytes).unwrap();
         let output = Command::new(env!("CARGO_BIN_EXE_floorprint")).args(["map", "info", name]).output().unwrap();
-        assert!(matches!(output.status.code(), Some(0 | 1)), "byte {at}: {}", text(&output.stderr));
+        // Also an option of the configuration within may now have a name that there is not.
+        let told = text(&output.stderr);
+        let is_told = matches!(output.status.code(), Some(1 | 2)) && told.contains(name);
+        assert!(is_told || output.status.success(), "byte {at}: {told}");
     }
 }
 
