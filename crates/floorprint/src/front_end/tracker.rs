@@ -10,19 +10,11 @@ use crate::motion_model::MotionConfig;
 use crate::scan_matcher::{MatchResult, MatcherConfig, OdometryVerdict, PoseBelief, locate};
 use crate::surface::SurfaceScan;
 use nalgebra::{Matrix3, Vector3};
-use std::f64::consts::PI;
 
 /// How much the last motion is believed to go on, as a factor on the information that odometry would
 /// give. With a quarter of it a door that swings carries the robot along (intel without odometry: 0.173 m
 /// instead of 0.013 m); twice as much or half of it make no difference.
 const PREDICTION_TRUST: f64 = 0.2;
-/// Wheels and gyros err in a turn by no more than this many of the standard deviations that are stated, or this, radians:
-/// one side that slips, a scan that was missed.
-const TURN_SIGMAS: f64 = 6.0;
-const LEAST_TURN_RAD: f64 = 0.25;
-/// Wheels that report less than this stand, metres and radians.
-const STANDING_M: f64 = 0.002;
-const STANDING_RAD: f64 = 0.002;
 /// A match is doubtful where less than this share of its scan lies on the map.
 const DOUBTFUL_INLIER_SHARE: f64 = 0.6;
 /// How far a doubtful pose may be off: standard deviations, metres and radians.
@@ -52,8 +44,6 @@ pub(super) struct Prediction {
     prior: PoseBelief,
     /// That the robot goes on as it did.
     continued: PoseBelief,
-    /// By how much it can have turned more or less than the prior says, radians.
-    farthest_turn_rad: f64,
     step: Pose2,
 }
 
@@ -103,13 +93,7 @@ impl Tracker {
             // How the robot went on before a gap says nothing about where it is after it.
             continued.information = Matrix3::zeros();
         }
-        // Wheels that stand may be stuck, and after a gap what they tell may come late.
-        let tells_turns = |measured: &&Pose2| !is_standing(measured) && !is_gap(steps);
-        let farthest_turn_rad = measured.filter(tells_turns).map_or(PI, |measured| {
-            let (_, sigma_rad) = motion.sigmas(measured);
-            (TURN_SIGMAS * sigma_rad).max(LEAST_TURN_RAD)
-        });
-        Prediction { prior, continued, farthest_turn_rad, step: measured.copied().unwrap_or(last_motion) }
+        Prediction { prior, continued, step: measured.copied().unwrap_or(last_motion) }
     }
 
     /// Moves to where the scan fits the map, once there is one.
@@ -119,13 +103,13 @@ impl Tracker {
         scan: &SurfaceScan,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
-        let Prediction { prior, continued, farthest_turn_rad, step } = prediction;
+        let Prediction { prior, continued, step } = prediction;
         self.unconfirmed.push(*step);
         if self.map.surfaces().is_empty() {
             (self.pose, self.last_motion) = (prior.pose, *step);
             return None;
         }
-        let (result, odometry) = locate(self.map.surfaces(), scan, prior, continued, *farthest_turn_rad, matcher);
+        let (result, odometry) = locate(self.map.surfaces(), scan, prior, continued, matcher);
         self.last_motion = self.pose.between(&result.belief.pose);
         self.pose = result.belief.pose;
         Some(Fit { result, prior: *prior, odometry })
@@ -168,10 +152,6 @@ impl Tracker {
         self.pose = poses.next().unwrap_or(self.pose);
         self.last_motion = steps[steps.len() - 1];
     }
-}
-
-fn is_standing(measured: &Pose2) -> bool {
-    measured.distance() < STANDING_M && measured.theta.abs() < STANDING_RAD
 }
 
 /// How a particle's scan fitted its map.

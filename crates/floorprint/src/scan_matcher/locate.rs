@@ -3,7 +3,6 @@
 use super::correlative::{SearchWindow, search};
 use super::gauss_newton::match_scan_against;
 use super::{MatchResult, MatcherConfig, PoseBelief, match_scan};
-use crate::geometry::wrap_angle;
 use crate::surface::SurfaceMap;
 use crate::surface::SurfaceScan;
 use std::f64::consts::FRAC_PI_2;
@@ -24,8 +23,6 @@ const GOOD_ENOUGH: f64 = 0.6;
 const CLEARLY_BETTER: f64 = 0.2;
 /// Where the scan contradicts the odometry, the robot is believed to go on as before even if this much less of it fits there.
 const SLIGHTLY: f64 = 0.05;
-/// The scan fits beyond doubt if this share of the points lies on the map.
-const BEYOND_DOUBT: f64 = 0.8;
 /// After a search the odometry is believed this much less (as a factor on its information).
 const DISTRUST: f64 = 0.01;
 
@@ -41,15 +38,13 @@ pub enum OdometryVerdict {
 }
 
 /// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins. `continued` is where the robot is
-/// if it goes on as in the last step. That it turned by more than `farthest_turn_rad` beside what the prior says is believed
-/// only of a scan that fits beyond doubt: corners look alike from all sides.
+/// if it goes on as in the last step.
 #[must_use]
 pub fn locate(
     map: &SurfaceMap,
     scan: &SurfaceScan,
     prior: &PoseBelief,
     continued: &PoseBelief,
-    farthest_turn_rad: f64,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
@@ -67,7 +62,7 @@ pub fn locate(
     let is_poor = |fit: &MatchResult| fit.inlier_share < config.search_below_inlier_share;
     // Odometry that comes late is wrong in one step and makes up for it in the next, while the robot just goes on. From
     // far off the scan may have come to lie anywhere along a corridor.
-    if is_poor(&predicted) || !(agrees(prior, &predicted) || agrees(continued, &predicted)) {
+    if (!agrees(prior, &predicted) || is_poor(&predicted)) && !agrees(continued, &predicted) {
         let going_on = match_scan(map, scan, continued, config);
         let least_gain = if agrees(prior, &predicted) { CLEARLY_BETTER } else { -SLIGHTLY };
         if agrees(continued, &going_on) && going_on.inlier_share >= predicted.inlier_share + least_gain {
@@ -80,16 +75,12 @@ pub fn locate(
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
     let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: FRAC_PI_2 };
-    let may_be = |found: &MatchResult| {
-        let turn_rad = wrap_angle(found.belief.pose.theta - prior.pose.theta).abs();
-        turn_rad <= farthest_turn_rad || found.inlier_share >= BEYOND_DOUBT
-    };
     let mut best = predicted;
     for window in [near, wide] {
         for pose in search(map, scan, &prior.pose, window, CANDIDATES) {
             let start = PoseBelief { pose, information: prior.information * DISTRUST };
             let found = match_scan(map, scan, &start, config);
-            if found.inlier_share > best.inlier_share && may_be(&found) {
+            if found.inlier_share > best.inlier_share {
                 best = found;
             }
         }
