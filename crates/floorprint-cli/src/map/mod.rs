@@ -8,7 +8,7 @@ mod merge;
 
 use crate::outcome::Outcome;
 use crate::terminal::Terminal;
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, anyhow, ensure};
 use clap::Subcommand;
 use floorprint::Slam;
 use floorprint::config::{Config, Layer};
@@ -82,7 +82,12 @@ impl Stored {
         let notes = file.notes()?;
         let config = match notes.get("config") {
             Some(text) => {
-                Config::resolve(&[Layer::from_toml(&format!("the configuration in {}", path.display()), text)?])?
+                let name = format!("the configuration in {}", path.display());
+                let layer = Layer::from_toml(&name, text);
+                // It was written by the program: that it is wrong is not to be mended by the user's options.
+                layer.and_then(|layer| Config::resolve(&[layer])).map_err(|error| {
+                    anyhow!("{error}: the session is damaged, or of a later version. Take an earlier copy of it")
+                })?
             }
             None => Config::default(),
         };

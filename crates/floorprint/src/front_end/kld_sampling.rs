@@ -55,15 +55,21 @@ pub fn particles_needed(poses: &[Pose2], weights: &[f64], config: &AdaptiveConfi
     needed
 }
 
-/// Fox's eq. 7: the number of samples for as many bins (by Wilson and Hilferty's approximation of χ²).
 fn for_bins(bins: usize, config: &AdaptiveConfig) -> usize {
     if bins < 2 {
         return 1;
     }
-    let freedom = (bins - 1) as f64;
+    samples_for_bins(bins as f64, config.error, config.quantile_sigmas).ceil().max(1.0) as usize
+}
+
+/// Fox's eq. 7: the number of samples for as many `bins`, two or more, so that the Kullback–Leibler divergence is at most
+/// `error` with the probability of a quantile, in standard deviations (by Wilson and Hilferty's approximation of χ²).
+#[must_use]
+pub(crate) fn samples_for_bins(bins: f64, error: f64, quantile_sigmas: f64) -> f64 {
+    let freedom = bins - 1.0;
     let spread = 2.0 / (9.0 * freedom);
-    let root = 1.0 - spread + spread.sqrt() * config.quantile_sigmas;
-    (freedom / (2.0 * config.error) * root.powi(3)).ceil().max(1.0) as usize
+    let root = 1.0 - spread + spread.sqrt() * quantile_sigmas;
+    freedom / (2.0 * error) * root.powi(3)
 }
 
 #[cfg(test)]

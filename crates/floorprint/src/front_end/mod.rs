@@ -28,6 +28,7 @@ pub use config::{AdaptiveConfig, FilterConfig, FilterKind, ResamplerKind};
 pub use front_end::FrontEnd;
 pub use grisetti::{GrisettiConfig, GrisettiFilter, Proposal};
 pub use kld_sampling::particles_needed;
+pub(crate) use kld_sampling::samples_for_bins;
 pub(crate) use odometry_model::OdometryModel;
 pub use particle_filter::{FrontEndState, ParticleFilter};
 pub use prepared_scan::PreparedScan;

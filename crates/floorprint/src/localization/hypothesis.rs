@@ -6,6 +6,8 @@
 
 use super::localization_map::LocalizationMap;
 use super::sensing::{Explanation, Fit, Sensing};
+use crate::back_end::Uncertainty;
+use crate::front_end::samples_for_bins;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::{inverse, isotropic, symmetric};
 use crate::key_scan::Drift;
@@ -116,10 +118,7 @@ impl Hypothesis {
 
     /// Standard deviation of the position along the direction in which it is known worst, metres.
     pub(super) fn sigma_m(&self) -> f64 {
-        let position = self.covariance.fixed_view::<2, 2>(0, 0);
-        let half_trace = 0.5 * position.trace();
-        let root = (half_trace * half_trace - position.determinant()).max(0.0).sqrt();
-        (half_trace + root).max(0.0).sqrt()
+        Uncertainty::of(&self.covariance).sigma_m
     }
 
     /// Moves to where the scan fits; the number of particles that it took. `key` makes the draws its own.
@@ -223,10 +222,7 @@ fn particles_needed(spread: &Matrix3<f64>) -> usize {
     if bins < 2.0 {
         return 1;
     }
-    // Wilson and Hilferty's approximation of the χ² quantile.
-    let spread = 2.0 / (9.0 * (bins - 1.0));
-    let root = 1.0 - spread + spread.sqrt() * QUANTILE_SIGMAS;
-    (((bins - 1.0) / (2.0 * DIVERGENCE) * root.powi(3)) as usize).clamp(2, MOST_PARTICLES)
+    (samples_for_bins(bins, DIVERGENCE, QUANTILE_SIGMAS) as usize).clamp(2, MOST_PARTICLES)
 }
 
 /// Puts the direction of which a scan knows the least to the test: moved along it the scan must fit worse, since noise alone

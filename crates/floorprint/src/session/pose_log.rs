@@ -38,10 +38,10 @@ impl PoseLog {
 
     /// Packs whole blocks of the first `settled` poses, which do not change any more.
     pub(super) fn pack(&mut self, settled: usize) {
-        while self.packed_poses() + POSES_PER_BLOCK <= settled.min(self.len()) {
-            let block: Vec<StampedPose> = self.open.drain(..POSES_PER_BLOCK).collect();
-            self.packed.push(pack_poses(&block).into());
-        }
+        let whole = settled.min(self.len()).saturating_sub(self.packed_poses()) / POSES_PER_BLOCK * POSES_PER_BLOCK;
+        // All at once: taken from the front block by block, those of a long drive would be moved again and again.
+        self.packed.extend(self.open[..whole].chunks(POSES_PER_BLOCK).map(|block| pack_poses(block).into()));
+        self.open.drain(..whole);
     }
 
     /// Gives the poses from `first` on other values.
