@@ -1,12 +1,16 @@
-//! Drives a log to and fro, again and again, and says what a scan costs the filter and how much memory it holds:
-//! `cargo run --release -p floorprint-cli --example soak -- LOG [DRIVES]`.
+//! Drives a log to and fro, again and again, or through a large office, and says what a scan costs the filter and how much
+//! memory it holds: `cargo run --release -p floorprint-cli --example soak -- LOG [DRIVES]`, or `-- office KM` for new ground
+//! all the way (1081 beams, 40 Hz), which is told of each kilometre.
 //!
 //! The way back is the log's scans in reverse order with inverted motions. Loops are closed on the way, as on a live robot.
 //! Tells after each drive who holds the session's memory, and what it takes to save it after a second more.
 
 use anyhow::Context;
 use floorprint::back_end::ClosureLoad;
+use floorprint::config::Layer;
 use floorprint::geometry::Pose2;
+use floorprint::session::SessionMemory;
+use floorprint::simulator::{SimulationConfig, World, simulate};
 use floorprint::{Config, Frame, Frames, Slam};
 use floorprint_io::{OpenOptions, SessionFile};
 use nix::sys::resource::{UsageWho, getrusage};
@@ -25,27 +29,88 @@ fn cpu_s() -> anyhow::Result<f64> {
 
 /// Memory held now, megabytes.
 fn memory_mb() -> Option<f64> {
+    status_mb("VmRSS:")
+}
+
+/// What the system says of the process, megabytes.
+fn status_mb(key: &str) -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix(key))?;
     line.split_whitespace().next()?.parse::<f64>().ok().map(|kilobytes| kilobytes / 1024.0)
+}
+
+/// The most memory that was ever held, megabytes.
+fn most_memory_mb() -> Option<f64> {
+    status_mb("VmHWM:")
+}
+
+/// Drives through an office of this length and says after each kilometre who holds the memory.
+fn over_new_ground(length_km: f64) -> anyhow::Result<()> {
+    let mut simulation = SimulationConfig::default();
+    (simulation.lidar.beams, simulation.lidar.rate_hz, simulation.camera.rate_hz) = (1081, 40.0, 0.0);
+    let sweep_s = &mut simulation.robot.lidar.sweep_duration_s;
+    *sweep_s = sweep_s.min(1.0 / simulation.lidar.rate_hz);
+    let drive = simulate(World::office(1e3 * length_km, 0), simulation, 0)?;
+    let config = Config::resolve(&[Layer::from_robot(&drive.config().robot)])?;
+    let frames = Frames::of(&drive, &config)?;
+    let mut slam = Slam::new(&config);
+    let before_mb = memory_mb().unwrap_or(f64::NAN);
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "   km    scans  memory MB beyond the simulation's | {HOLDERS} | key scans  submaps")?;
+    let (mut length_m, mut told_km) = (0.0, 0.0);
+    let mut scans = 0;
+    for frame in frames.iter() {
+        length_m += frame.motion.map_or(0.0, |step| step.distance());
+        slam.process(&frame)?;
+        scans += 1;
+        if length_m * 1e-3 > told_km + 1.0 {
+            told_km += 1.0;
+            let [held, holders] = [memory_mb().unwrap_or(f64::NAN) - before_mb, slam.memory().total() as f64 * 1e-6];
+            let [key_scans, submaps] = [slam.session().scans().len(), slam.session().submaps().len()];
+            let of = told(&slam.memory());
+            writeln!(
+                out,
+                "{told_km:5.0}  {scans:7}  {held:8.1}, told {holders:8.1} | {of} | {key_scans:9}  {submaps:7}"
+            )?;
+        }
+    }
+    let started = Instant::now();
+    let result = slam.finish();
+    let finish_s = started.elapsed().as_secs_f64();
+    let [held, most] = [memory_mb(), most_memory_mb()].map(|mb| mb.unwrap_or(f64::NAN) - before_mb);
+    let scans = result.trajectory.len();
+    writeln!(out, "end of {scans} scans in {finish_s:.1} s: {held:.1} MB held, {most:.1} MB at most")?;
+    Ok(())
+}
+
+/// The columns of [`told`].
+const HOLDERS: &str = "MB of: poses  key scans  between  looks  submaps  comparisons  hypotheses";
+
+/// Who holds a session's memory.
+fn told(of: &SessionMemory) -> String {
+    let [poses, key_scans, between, looks, records, comparisons, hypotheses] =
+        [of.trajectory, of.key_scans, of.scans_between, of.looks, of.submaps, of.comparisons, of.hypotheses]
+            .map(|bytes| bytes as f64 * 1e-6);
+    format!(
+        "{poses:12.1}  {key_scans:9.1}  {between:7.1}  {looks:5.1}  {records:7.2}  {comparisons:11.2}  {hypotheses:10.2}"
+    )
 }
 
 fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let log = arguments.next().context("which log?")?;
+    if log == "office" {
+        return over_new_ground(arguments.next().context("how many kilometres?")?.parse()?);
+    }
     let drives: usize = arguments.next().map_or(Ok(20), |drives| drives.parse()).context("how many drives?")?;
     let data_set = floorprint_io::open(Path::new(&log), &OpenOptions::default())?;
-    let config = Config::resolve(&[floorprint::config::Layer::from_robot(&data_set.robot)])?;
+    let config = Config::resolve(&[Layer::from_robot(&data_set.robot)])?;
     let forward: Vec<Frame> = Frames::new(&data_set.records, &config)?.iter().collect();
     let mut slam = Slam::new(&config);
     let path = std::env::temp_dir().join(format!("soak-{}.gpkg", std::process::id()));
     let mut file = SessionFile::create(&path)?;
     let mut out = std::io::stdout().lock();
-    writeln!(
-        out,
-        "drive     km  µs/scan  memory MB | MB of: poses  key scans  between  looks  submaps  comparisons  hypotheses \
-         | submaps  nodes  factors | save ms  file MB  load s"
-    )?;
+    writeln!(out, "drive     km  µs/scan  memory MB | {HOLDERS} | submaps  nodes  factors | save ms  file MB  load s")?;
     let mut length_m = 0.0;
     for drive in 0..drives {
         let before_s = cpu_s()?;
@@ -65,10 +130,7 @@ fn main() -> anyhow::Result<()> {
         let scan_us = (cpu_s()? - before_s) / forward.len() as f64 * 1e6;
         let (held_mb, load) = (memory_mb().unwrap_or(f64::NAN), slam.closure_load().context("loops are not closed")?);
         let ClosureLoad { submaps, nodes, factors } = load;
-        let of = slam.memory();
-        let [poses, key_scans, between, looks, records, comparisons, hypotheses] =
-            [of.trajectory, of.key_scans, of.scans_between, of.looks, of.submaps, of.comparisons, of.hypotheses]
-                .map(|bytes| bytes as f64 * 1e-6);
+        let of = told(&slam.memory());
         // Once to bring the file up to date: what counts is the next save, a second of driving later.
         file.save(slam.session(), &config.matcher)?;
         let end = if drive % 2 == 0 { forward.len() - 1 } else { 0 };
@@ -85,9 +147,8 @@ fn main() -> anyhow::Result<()> {
             if is_loaded { SessionFile::read(&path).map(|_| started.elapsed().as_secs_f64())? } else { f64::NAN };
         writeln!(
             out,
-            "{drive:5}  {:5.1}  {scan_us:7.1}  {held_mb:9.1} | {poses:12.1}  {key_scans:9.1}  {between:7.1}  {looks:5.1}  \
-             {records:7.2}  {comparisons:11.2}  {hypotheses:10.2} | {submaps:7}  {nodes:5}  {factors:7} | {save_ms:7.1}  \
-             {file_mb:7.1}  {load_s:6.2}",
+            "{drive:5}  {:5.1}  {scan_us:7.1}  {held_mb:9.1} | {of} | {submaps:7}  {nodes:5}  {factors:7} | \
+             {save_ms:7.1}  {file_mb:7.1}  {load_s:6.2}",
             length_m * 1e-3
         )?;
     }

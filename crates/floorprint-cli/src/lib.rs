@@ -19,6 +19,7 @@ mod localize;
 mod map;
 mod map_drawing;
 mod mcap;
+mod memory;
 mod number;
 mod optimize;
 mod outcome;

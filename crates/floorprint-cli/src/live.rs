@@ -11,6 +11,7 @@ mod watch;
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::localize::{parse_start, read_any_map};
+use crate::memory::{Memory, StorageWatch};
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
 use crate::run_folder;
@@ -57,7 +58,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N")]
     drive: Option<u32>,
     /// Map to localise in, which is not changed: the session.gpkg of a run, or a map.yaml of ROS.
-    #[arg(long, value_name = "MAP", conflicts_with_all = ["earlier", "session", "record"])]
+    #[arg(long, value_name = "MAP", conflicts_with_all = ["earlier", "session", "record", "most_mb"])]
     map: Option<PathBuf>,
     /// Where the robot is in the map at the start, metres and radians; or unknown.
     #[arg(long, value_name = "X,Y,YAW", default_value = "unknown", value_parser = parse_start, requires = "map")]
@@ -83,6 +84,8 @@ pub(crate) struct Arguments {
     topics: Topics,
     #[command(flatten)]
     settings: Settings,
+    #[command(flatten)]
+    memory: Memory,
     /// Folder of the results [default: runs/NAME-live, with a number where that exists; none with --session or --map].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -118,7 +121,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let config = arguments.settings.resolve(source.robot())?;
     let corrections = source.corrections(&config)?;
     let inbox = Arc::new(Inbox::new());
-    let (engine, board) = arguments.engine(&config, corrections.as_ref(), &inbox)?;
+    let (mut engine, board) = arguments.engine(&config, corrections.as_ref(), &inbox)?;
     let recorder = match &arguments.record {
         Some(path) => {
             let session = LiveSession { robot: config.robot.clone(), corrections: corrections.clone() };
@@ -131,6 +134,11 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     if let Some(results) = &results {
         interrupt.removes(results.folder());
         results.notes().iter().for_each(|note| terminal.warn(note));
+    }
+    if let Some(beside) = arguments.session.as_deref().or(out.as_deref())
+        && let Some((store, most_bytes)) = arguments.memory.store(beside, &config)?
+    {
+        engine.limit_memory(store, most_bytes);
     }
     let keeper = arguments.keeper(out.as_deref(), &config, terminal)?;
     let frames = source.frames(&config);
@@ -236,6 +244,7 @@ impl Session<'_> {
     ) -> anyhow::Result<Outcome> {
         let terminal = self.terminal;
         let (mut tally, mut told) = (Tally::default(), Instant::now());
+        let mut storage = StorageWatch::default();
         let housekeeper = Housekeeper::new(self.config, self.board);
         let keeper = std::thread::scope(|scope| {
             let keeping = scope.spawn(|| housekeeper.keep(keeper));
@@ -270,6 +279,7 @@ impl Session<'_> {
                         recorder = None;
                     }
                     let steps = engine.push(record)?;
+                    storage.look(engine.storage_trouble(), terminal)?;
                     self.show(&engine, steps, &mut tally, results.as_mut());
                     housekeeper.look_at(&mut engine);
                     if told.elapsed() > TOLD_EVERY {

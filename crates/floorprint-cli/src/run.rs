@@ -3,6 +3,7 @@
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::mcap;
+use crate::memory::Memory;
 use crate::number::number;
 use crate::outcome::Outcome;
 use crate::report::Report;
@@ -72,12 +73,19 @@ pub(crate) struct Work {
     /// is refused [default: 64].
     #[arg(long, value_name = "TIMES", value_parser = number(0.0, 1e9))]
     max_expansion: Option<f64>,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 impl Work {
     /// Work of which nothing is written on the way.
     pub(crate) fn in_memory(threads: Option<u16>, paints_floor: bool) -> Self {
-        Self { threads, no_texture: !paints_floor, snapshots: None, max_expansion: None }
+        Self { threads, no_texture: !paints_floor, snapshots: None, max_expansion: None, memory: Memory::default() }
+    }
+
+    /// How much of the session lies in memory.
+    pub(crate) fn memory(&self) -> Memory {
+        self.memory
     }
 
     /// Whether the floor is painted.

@@ -1,6 +1,7 @@
 //! From a data set to a trajectory, a map and a floor: the work that `run` and `demo` share.
 
 use crate::interrupt::Interrupt;
+use crate::memory::StorageWatch;
 use crate::session_keeper::SessionKeeper;
 use crate::snapshots::Snapshots;
 use crate::stopwatch::{Lane, ScanTimes, Stopwatch};
@@ -13,6 +14,7 @@ use floorprint::odometry::{DeadReckoning, OdometryError, SynchronisationSummary,
 use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::session::Session;
+use floorprint::storage::Store;
 use floorprint::texture::{
     FloorMapper, FloorPatch, RgbdCamera, RgbdFrame, SkipReason, TextureMap, pair_by_time, spaced,
 };
@@ -89,6 +91,8 @@ pub(crate) struct Surroundings<'a> {
     pub(crate) snapshots: Option<&'a mut Snapshots>,
     /// Keeps what was seen so far safe.
     pub(crate) session: Option<&'a mut SessionKeeper>,
+    /// Where what is not needed now is put away, and how much lies in memory, bytes; `None` where that is not bounded.
+    pub(crate) memory: Option<(Box<dyn Store>, usize)>,
     /// What the drive goes on from.
     pub(crate) earlier: Option<Earlier>,
 }
@@ -162,6 +166,7 @@ pub(crate) fn solve(
     }
     let mut earlier = around.earlier.take();
     let mut slam = Slam::new(config);
+    let (mut memory, mut storage) = (around.memory.take(), StorageWatch::default());
     let mut steps: Vec<StepReport> = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
     let mut scan_times = ScanTimes::default();
@@ -173,6 +178,11 @@ pub(crate) fn solve(
         partial = around.interrupt.requested();
         if partial {
             break;
+        }
+        if earlier.is_none()
+            && let Some((store, most_bytes)) = memory.take()
+        {
+            slam.limit_memory(store, most_bytes);
         }
         // Pictures on the way are of one moment: nothing may be ahead of it.
         let is_side_by_side = rayon::current_num_threads() > 1 && earlier.is_none() && around.snapshots.is_none();
@@ -212,6 +222,7 @@ pub(crate) fn solve(
                 Err(error) => *refused.entry(reason_for_refusing(&error).to_owned()).or_default() += 1,
             }
         }
+        storage.look(slam.storage_trouble(), around.terminal)?;
         if let Some(snapshots) = &mut around.snapshots {
             snapshots.observe(&mut slam, &steps);
         }
@@ -234,6 +245,7 @@ pub(crate) fn solve(
     let odometry_scale = slam.odometry_scale();
     let result = slam.finish_profiled(around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
+    storage.look(result.session.storage_trouble(), around.terminal)?;
     let floor = match (&data_set.images, RgbdCamera::of(&config.robot)) {
         (Some(images), Some(camera)) if paint_floor && !partial => {
             around.profiler.enter(Phase::Texture);

@@ -112,6 +112,7 @@ impl Task<'_> {
             profiler: &mut stopwatch,
             snapshots: snapshots.as_mut(),
             session: keeper.as_mut(),
+            memory: self.work.memory().store(self.out, &config)?,
             earlier,
         };
         let solution = solve(&data_set, &config, self.work.paints_floor(), self.arrival.is_some(), &mut around)
@@ -206,7 +207,7 @@ impl Solved {
 }
 
 /// Whether there is a session that can be gone on with.
-fn keeps_session(config: &Config) -> bool {
+pub(crate) fn keeps_session(config: &Config) -> bool {
     config.filter.kind == FilterKind::RaoBlackwellized && config.loop_closure.enabled
 }
 

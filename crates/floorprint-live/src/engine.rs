@@ -6,6 +6,7 @@ use floorprint::localization::{Localizer, Start};
 use floorprint::odometry::{OdometryCorrections, OdometryError, SynchronisationSummary, Synchronizer};
 use floorprint::sensors::{Record, StampedPose};
 use floorprint::session::{Session, SessionError};
+use floorprint::storage::{StorageTrouble, Store};
 use floorprint::{BodyScan, Config, Frame, Slam, SlamError};
 use std::sync::Arc;
 use thiserror::Error;
@@ -180,6 +181,26 @@ impl Engine {
         match &mut self.work {
             Work::Mapping(slam) => Some(slam.session()),
             Work::Resuming(session, _) => Some(session),
+            Work::Localizing(_) => None,
+        }
+    }
+
+    /// From now on at most about so many bytes of the map-maker's settled parts lie in memory, and the others in a store; see
+    /// [`Session::limit_memory`]. Nothing changes of a localizer.
+    pub fn limit_memory(&mut self, store: Box<dyn Store>, most_bytes: usize) {
+        match &mut self.work {
+            Work::Mapping(slam) => slam.limit_memory(store, most_bytes),
+            Work::Resuming(session, _) => session.limit_memory(store, most_bytes),
+            Work::Localizing(_) => {}
+        }
+    }
+
+    /// What is wrong with that store, if anything is.
+    #[must_use]
+    pub fn storage_trouble(&self) -> Option<StorageTrouble> {
+        match &self.work {
+            Work::Mapping(slam) => slam.storage_trouble(),
+            Work::Resuming(session, _) => session.storage_trouble(),
             Work::Localizing(_) => None,
         }
     }

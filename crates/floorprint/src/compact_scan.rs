@@ -5,6 +5,8 @@
 //! seven bits (the varints of Protocol Buffers).
 
 use crate::frame::{BodyScan, Points};
+use crate::storage::{Part, Shelf};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Units of a coordinate per metre.
@@ -13,8 +15,12 @@ const UNITS_PER_M: f32 = 1024.0;
 const FARTHEST_M: f32 = 8192.0;
 
 /// A packed [`BodyScan`]. Copies share the bytes.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct CompactScan(Arc<[u8]>);
+#[derive(Debug, Clone, Default)]
+pub struct CompactScan {
+    part: Part,
+    /// Which bytes of the part are this scan's.
+    range: Range<u32>,
+}
 
 impl CompactScan {
     /// Packs a scan. Unpacked it is the scan with coordinates rounded to the unit.
@@ -34,29 +40,80 @@ impl CompactScan {
                 before = here;
             }
         }
-        Self(bytes.into())
+        Self::of_part(bytes)
+    }
+
+    fn of_part(bytes: impl Into<Arc<[u8]>>) -> Self {
+        let part = Part::new(bytes);
+        let range = 0..part.len() as u32;
+        Self { part, range }
+    }
+
+    /// Scans that are used together, as one part: lays it on a shelf, where there is one.
+    pub(crate) fn join<'a>(scans: impl Iterator<Item = &'a mut Self>, shelf: Option<&Arc<Shelf>>) {
+        let mut bytes = Vec::new();
+        let mut joined: Vec<(&mut Self, Range<u32>)> = Vec::new();
+        for scan in scans {
+            let start = bytes.len() as u32;
+            scan.with_bytes(|of_scan| bytes.extend_from_slice(of_scan));
+            joined.push((scan, start..bytes.len() as u32));
+        }
+        let part = Part::new(bytes);
+        joined.into_iter().for_each(|(scan, range)| *scan = Self { part: part.clone(), range });
+        if let Some(shelf) = shelf {
+            part.lay_on(shelf);
+        }
     }
 
     /// Bytes that came from [`bytes`](Self::bytes); `None` if they are not the packed points of a scan.
     #[must_use]
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         unpack(bytes)?;
-        Some(Self(bytes.into()))
+        Some(Self::of_part(bytes))
     }
 
     /// The packed bytes.
     #[must_use]
-    pub fn bytes(&self) -> &[u8] {
-        &self.0
+    pub fn bytes(&self) -> Vec<u8> {
+        self.with_bytes(<[u8]>::to_vec)
+    }
+
+    /// How many bytes these are.
+    #[must_use]
+    pub fn packed_len(&self) -> usize {
+        self.range.len()
+    }
+
+    /// Those of them that are in memory.
+    pub(crate) fn held_bytes(&self) -> usize {
+        if self.part.held_bytes() > 0 { self.range.len() } else { 0 }
+    }
+
+    /// The part of which it is a piece.
+    pub(crate) fn part(&self) -> &Part {
+        &self.part
+    }
+
+    fn with_bytes<T>(&self, take: impl FnOnce(&[u8]) -> T) -> T {
+        let bytes = self.part.bytes();
+        take(bytes.get(self.range.start as usize..self.range.end as usize).unwrap_or_default())
     }
 
     /// The points, in the body's frame, metres.
     #[must_use]
     pub fn unpack(&self) -> BodyScan {
         // The bytes were checked where they came from.
-        unpack(&self.0).unwrap_or_default()
+        self.with_bytes(unpack).unwrap_or_default()
     }
 }
+
+impl PartialEq for CompactScan {
+    fn eq(&self, other: &Self) -> bool {
+        self.with_bytes(|own| other.with_bytes(|others| own == others))
+    }
+}
+
+impl Eq for CompactScan {}
 
 fn units(coordinate_m: f32) -> i32 {
     (coordinate_m.clamp(-FARTHEST_M, FARTHEST_M) * UNITS_PER_M).round() as i32
@@ -135,7 +192,7 @@ mod tests {
             prop_assert_eq!(once.hits.len() + once.free_ends.len(), hits.len() + free.len());
             let twice = CompactScan::new(&once);
             prop_assert_eq!(twice.unpack().hits, once.hits.clone());
-            prop_assert_eq!(CompactScan::from_bytes(twice.bytes()), Some(twice));
+            prop_assert_eq!(CompactScan::from_bytes(&twice.bytes()), Some(twice));
         }
 
         #[test]

@@ -29,6 +29,7 @@ pub mod sensors;
 pub mod session;
 pub mod simulator;
 mod slam;
+pub mod storage;
 pub mod surface;
 pub mod survey;
 pub mod texture;

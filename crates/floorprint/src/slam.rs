@@ -15,6 +15,7 @@ use crate::profiler::{NoProfiler, Phase, Profiler};
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
 use crate::session::{Renderer, Session, SessionError, SessionMemory};
+use crate::storage::{StorageTrouble, Store};
 use crate::surface::SurfaceScan;
 use nalgebra::Matrix3;
 use std::sync::Arc;
@@ -211,6 +212,18 @@ impl Slam {
         self.session.set_poses(self.settled, &self.front_end.poses_since(self.settled));
         self.session.set_front_end(self.front_end.state());
         &self.session
+    }
+
+    /// From now on at most about so many bytes of the session's settled parts lie in memory, and the others in a store; see
+    /// [`Session::limit_memory`].
+    pub fn limit_memory(&mut self, store: Box<dyn Store>, most_bytes: usize) {
+        self.session.limit_memory(store, most_bytes);
+    }
+
+    /// What is wrong with that store, if anything is.
+    #[must_use]
+    pub fn storage_trouble(&self) -> Option<StorageTrouble> {
+        self.session.storage_trouble()
     }
 
     /// Who holds the session's memory now.

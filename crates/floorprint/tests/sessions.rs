@@ -10,6 +10,7 @@ use floorprint::map::{Occupancy, Raster, difference};
 use floorprint::sensors::RobotConfig;
 use floorprint::session::{Region, Session, SessionMemory};
 use floorprint::simulator::{SimulatedDrive, World, simulate};
+use floorprint::storage::{StorageTrouble, Store, StoreError};
 use floorprint::{Config, Frame, Frames, Slam, SlamResult};
 use simulation::quick;
 use std::f64::consts::FRAC_PI_2;
@@ -188,6 +189,73 @@ fn to_and_fro(frames: &[Frame], times: usize) -> impl Iterator<Item = Frame> {
     });
     let trip: Vec<Frame> = there.chain(back).collect();
     (0..times).flat_map(move |_| trip.clone())
+}
+
+/// A store that has room for so many pieces.
+#[derive(Debug)]
+struct Room {
+    pieces: Vec<Vec<u8>>,
+    most: usize,
+}
+
+impl Store for Room {
+    fn put(&mut self, bytes: &[u8]) -> Result<u64, StoreError> {
+        if self.pieces.len() >= self.most {
+            return Err(StoreError("no room is left".to_owned()));
+        }
+        self.pieces.push(bytes.to_vec());
+        Ok(self.pieces.len() as u64 - 1)
+    }
+
+    fn get(&mut self, key: u64, length: usize) -> Result<Vec<u8>, StoreError> {
+        assert_eq!(self.pieces[key as usize].len(), length);
+        Ok(self.pieces[key as usize].clone())
+    }
+
+    fn free(&mut self, key: u64, _: usize) {
+        self.pieces[key as usize].clear();
+    }
+}
+
+#[test]
+fn with_bounded_memory_results_are_the_same_for_any_number_of_threads() {
+    let mut drive = Drive::new("rooms", 1);
+    drive.config.loop_closure.passes_kept = 2;
+    let frames: Vec<Frame> = to_and_fro(&drive.frames, 3).collect();
+    let rooms = |most| Box::new(Room { pieces: Vec::new(), most });
+    // How much may lie in memory, how many pieces the store takes, threads.
+    let solved = |bound: Option<(usize, usize)>, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut slam = Slam::new(&drive.config);
+            let (half, rest) = frames.split_at(frames.len() / 2);
+            half.iter().for_each(|frame| _ = slam.process(frame).unwrap());
+            // What is there already is bounded, too.
+            bound.into_iter().for_each(|(most_bytes, most)| slam.limit_memory(rooms(most), most_bytes));
+            rest.iter().for_each(|frame| _ = slam.process(frame).unwrap());
+            let (memory, on_the_way) = (slam.memory(), slam.map().to_raster().unwrap().cells);
+            let restored = drive.restored(slam.session()).map().to_raster().unwrap().cells;
+            let trouble = slam.storage_trouble();
+            let result = slam.finish();
+            let session = result.session.state(&drive.config.matcher);
+            let kept = (result.session.scans().to_vec(), result.session.poses(), format!("{session:?}"));
+            let end = (result.trajectory, result.map.to_raster().unwrap().cells, format!("{:?}", result.closures));
+            (memory, trouble, (on_the_way, restored, kept, end))
+        })
+    };
+    let (unbounded, _, expected) = solved(None, 1);
+    assert_eq!(unbounded.put_away, 0);
+    for (most_bytes, threads) in [(0, 1), (0, 8), (30_000, 2)] {
+        let (memory, trouble, results) = solved(Some((most_bytes, usize::MAX)), threads);
+        // What is not settled yet is held as before.
+        assert!(memory.put_away > unbounded.key_scans / 2, "{memory:?} of {unbounded:?}");
+        assert_eq!(trouble, None);
+        assert!(results == expected, "{most_bytes} bytes, {threads} threads");
+    }
+    // When the store is full the drive goes on in memory.
+    let (memory, trouble, results) = solved(Some((0, 10)), 1);
+    assert_eq!(trouble, Some(StorageTrouble::Full("no room is left".to_owned())));
+    assert!(memory.total() > unbounded.total() / 2 && results == expected);
 }
 
 #[test]

@@ -24,7 +24,7 @@ impl Arguments {
         let steps = trajectory.windows(2).map(|pair| pair[0].pose.between(&pair[1].pose).distance());
         let (length_m, bytes) = (steps.sum::<f64>(), fs::metadata(&self.session)?.len());
         let scans = session.scans();
-        let scan_bytes: usize = scans.iter().map(|scan| scan.points.bytes().len()).sum();
+        let scan_bytes: usize = scans.iter().map(|scan| scan.points.packed_len()).sum();
         let mut out = terminal.results();
         writeln!(out, "session     {} ({:.1} MB)", self.session.display(), bytes as f64 * 1e-6)?;
         if let (Some(first), Some(last)) = (trajectory.first(), trajectory.last()) {

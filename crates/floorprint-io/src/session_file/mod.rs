@@ -399,7 +399,7 @@ fn save_key_scans(
         }
         if before.next_if_eq(&scan.frame).is_none() {
             let frame = scan.frame as i64;
-            insert.execute(params![frame, frame, scan.is_drawn, scan.points.bytes()])?;
+            insert.execute(params![frame, frame, scan.is_drawn, &scan.points.bytes()[..]])?;
         }
     }
     for gone in before {

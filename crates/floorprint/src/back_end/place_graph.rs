@@ -139,7 +139,7 @@ impl PlaceGraph {
             .chain([self.open_since().unwrap_or(poses.len())])
             .collect();
         let cell_m = self.builder.cell_m();
-        let unseen = |submap: &Submap| !submap.is_forgotten && submap.surfaces.is_empty();
+        let unseen = |submap: &Submap| !submap.is_forgotten && submap.is_forgotten();
         for (submap, &end) in self.submaps.iter_mut().zip(&ends).filter(|(submap, _)| unseen(submap)) {
             let range = position(submap.first)..position(end);
             let shown = surfaces(range.clone());

@@ -1,17 +1,15 @@
 //! Submaps: pieces of a drive short enough to be right in themselves (Hess et al. 2016).
 
+use super::Look;
 use super::hypothesis::Attached;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::in_frame_of;
 use crate::key_scan::{Drift, Interruption, KeyScan};
+use crate::storage::{Part, Shelf};
 use crate::surface::SurfaceScan;
-use crate::surface::{Horizon, SurfaceMap};
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-
-/// Points by which a submap is fitted.
-const PROBE_POINTS: usize = 400;
 
 /// What consecutive key scans saw, in the frame of the first of them.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -30,12 +28,6 @@ pub struct Submap {
     pub link: Option<Link>,
     /// Where the robot may have been carried here from elsewhere.
     pub interruption: Option<Interruption>,
-    /// All surfaces, as if seen from the middle; in the submap's frame.
-    #[serde(skip)]
-    pub surfaces: Arc<SurfaceScan>,
-    /// A choice of them by which the submap is looked for and fitted.
-    #[serde(skip)]
-    pub probe: SurfaceScan,
     /// Whether it shows nothing that older ones do not; later ones are then compared with those.
     pub is_known: bool,
     /// The older submap that shows what this one shows, where that is known.
@@ -49,9 +41,9 @@ pub struct Submap {
     pub(super) attached: Option<Attached>,
     /// Whether what it looks like was forgotten since.
     pub is_forgotten: bool,
-    /// What the first, the middle and the last key scan had in view, in the submap's frame.
+    /// What it looks like, packed; `None` where that was forgotten, or it never showed anything.
     #[serde(skip)]
-    pub horizons: Vec<Horizon>,
+    pub(super) look: Option<Part>,
 }
 
 /// The motion from the start of one submap to the start of the next.
@@ -203,9 +195,7 @@ impl SubmapBuilder {
             passes: Vec::new(),
             attached: None,
             is_forgotten: false,
-            surfaces: Arc::default(),
-            probe: SurfaceScan::default(),
-            horizons: Vec::new(),
+            look: None,
         };
         let scans: Vec<(Pose2, &SurfaceScan)> =
             key_scans.iter().map(|scan| (first.pose.between(&scan.pose), scan.scan.as_ref())).collect();
@@ -218,44 +208,35 @@ impl Submap {
     /// Learns what it looks like: what each of its key scans shows, from its pose in the submap's frame. Surfaces are
     /// kept in cells of `cell_m`, metres.
     pub fn show(&mut self, key_scans: &[(Pose2, &SurfaceScan)], cell_m: f64) {
-        let mut map = SurfaceMap::new(cell_m);
-        for (pose, scan) in key_scans {
-            map.add_scan(pose, scan);
-        }
-        let surfaces = SurfaceScan::from_surfaces([self.middle.x, self.middle.y], map.surfaces());
-        self.probe = surfaces.balanced(PROBE_POINTS);
-        self.surfaces = Arc::new(surfaces);
-        let count = key_scans.len();
-        let seen_from = [0, count / 2, count.saturating_sub(1)].map(|position| key_scans.get(position));
-        self.horizons = seen_from.into_iter().flatten().map(|(pose, scan)| scan.horizon(pose)).collect();
+        let look = Look::of(key_scans, [self.middle.x, self.middle.y], cell_m);
+        self.look = (!look.surfaces.is_empty()).then(|| Part::new(look.pack()));
     }
 
     /// Forgets what it looks like.
     pub fn forget(&mut self) {
         self.is_forgotten = true;
-        self.surfaces = Arc::default();
-        self.probe = SurfaceScan::default();
-        self.horizons = Vec::new();
+        self.look = None;
     }
 
     /// Whether it was forgotten, or never showed anything.
     #[must_use]
     pub fn is_forgotten(&self) -> bool {
-        self.surfaces.is_empty()
+        self.look.is_none()
+    }
+
+    /// What it looks like; nothing where that was forgotten.
+    #[must_use]
+    pub fn look(&self) -> Look {
+        self.look.as_ref().and_then(|look| Look::unpack(&look.bytes())).unwrap_or_default()
+    }
+
+    /// Lays what it looks like on a shelf.
+    pub(crate) fn lay_on(&self, shelf: &Arc<Shelf>) {
+        self.look.iter().for_each(|look| look.lay_on(shelf));
     }
 
     /// Bytes that it holds, beside itself.
     pub(super) fn held_bytes(&self) -> usize {
-        let horizons = self.horizons.iter().map(Horizon::held_bytes);
-        self.surfaces.held_bytes() + self.probe.held_bytes() + horizons.sum::<usize>()
-    }
-
-    /// Whether a point of the submap's frame (metres) was in view.
-    #[must_use]
-    pub fn had_in_view(&self, point_m: [f32; 2]) -> bool {
-        self.horizons.iter().any(|horizon| horizon.reaches(point_m, VIEW_TOLERANCE_M))
+        self.look.as_ref().map_or(0, Part::held_bytes)
     }
 }
-
-/// A surface on which rays end is in view although they end a little before it, metres.
-const VIEW_TOLERANCE_M: f32 = 0.2;

@@ -1,9 +1,9 @@
 //! What submaps look like with their neighbours around them, kept for those that were needed lately.
 
-use super::LoopClosureConfig;
 use super::place_match::{Comparison, Placement};
 use super::submap::Submap;
 use super::uncertainty::Uncertainty;
+use super::{Look, LoopClosureConfig};
 use crate::geometry::Pose2;
 use crate::scan_matcher::{
     MatcherConfig, PlaceQuery, PlaceSearch, PoseBelief, SearchWindow, inlier_share, match_scan, outliers,
@@ -18,6 +18,8 @@ use std::sync::Arc;
 #[derive(Debug, Default)]
 pub struct ViewCache {
     views: BTreeMap<usize, View>,
+    /// What submaps look like by themselves, with when that was used last.
+    looks: BTreeMap<usize, (Arc<Look>, u64)>,
     clock: u64,
 }
 
@@ -25,15 +27,24 @@ pub struct ViewCache {
 pub(super) struct View {
     /// Surfaces of the submap and its neighbours, in its frame.
     pub(super) map: SurfaceMap,
-    /// Those submaps, with their poses in its frame.
-    parts: Vec<(usize, Pose2)>,
+    /// Those submaps, itself first, with their poses in its frame.
+    parts: Vec<ViewPart>,
     /// The same for searching; made when it is first needed.
     search: Option<PlaceSearch>,
     used: u64,
 }
 
+#[derive(Debug)]
+struct ViewPart {
+    submap: usize,
+    view_from_part: Pose2,
+    look: Arc<Look>,
+}
+
 /// So many views are kept; others are quickly made again.
 const VIEWS_KEPT: usize = 24;
+/// So many looks are kept unpacked, beside those of the views.
+const LOOKS_KEPT: usize = 16;
 /// The region that is searched reaches this many standard deviations far …
 const WINDOW_SIGMAS: f64 = 2.5;
 /// … and at least and at most so far: metres, radians.
@@ -55,6 +66,25 @@ const SAME_FIT_M: f64 = 0.15;
 const SAME_FIT_RAD: f64 = 0.05;
 
 impl ViewCache {
+    /// What a submap looks like.
+    fn look(&mut self, index: usize, submaps: &[Arc<Submap>]) -> Arc<Look> {
+        if submaps[index].is_forgotten() {
+            return Arc::default();
+        }
+        self.clock += 1;
+        if let Some((look, used)) = self.looks.get_mut(&index) {
+            *used = self.clock;
+            return Arc::clone(look);
+        }
+        if self.looks.len() >= LOOKS_KEPT {
+            let oldest = self.looks.iter().min_by_key(|(_, (_, used))| *used).map(|(&index, _)| index);
+            oldest.and_then(|oldest| self.looks.remove(&oldest));
+        }
+        let look = Arc::new(submaps[index].look());
+        self.looks.insert(index, (Arc::clone(&look), self.clock));
+        look
+    }
+
     /// Makes the view of a submap with its neighbours.
     fn learn(&mut self, index: usize, submaps: &[Arc<Submap>], cell_m: f64) {
         self.clock += 1;
@@ -78,10 +108,14 @@ impl ViewCache {
             parts.push((index + 1, motion));
         }
         // What a neighbour had in view counts no more once it is forgotten what it saw there.
-        parts.retain(|(part, _)| *part == index || !submaps[*part].surfaces.is_empty());
+        parts.retain(|(part, _)| *part == index || !submaps[*part].is_forgotten());
         let mut map = SurfaceMap::new(cell_m);
-        for (part, pose) in &parts {
-            map.add_scan(pose, &submaps[*part].surfaces);
+        let parts: Vec<ViewPart> = parts
+            .into_iter()
+            .map(|(submap, view_from_part)| ViewPart { submap, view_from_part, look: self.look(submap, submaps) })
+            .collect();
+        for part in &parts {
+            map.add_scan(&part.view_from_part, &part.look.surfaces);
         }
         self.views.insert(index, View { map, parts, search: None, used: self.clock });
     }
@@ -99,12 +133,16 @@ impl ViewCache {
         // The newest submap's view lacks its next neighbour: it must not be kept as it is.
         self.learn(newer, submaps, matcher.cell_m);
         self.learn(older, submaps, matcher.cell_m);
+        let looks = [older, newer].map(|index| self.look(index, submaps));
+        let probes = looks.each_ref().map(|look| &look.probe);
         let mut placements = match self.views.get_mut(&older) {
-            Some(view) => view.places(&submaps[older], &submaps[newer], &expected, &uncertainty, matcher),
+            Some(view) => {
+                let middles = [older, newer].map(|index| submaps[index].middle);
+                view.places(middles, probes[1], &expected, &uncertainty, matcher)
+            }
             None => Vec::new(),
         };
         if let (Some(old), Some(new)) = (self.views.get(&older), self.views.get(&newer)) {
-            let probes = [&submaps[older].probe, &submaps[newer].probe];
             for placement in &mut placements {
                 placement.verify([old, new], probes, submaps, config, matcher);
             }
@@ -125,7 +163,8 @@ impl ViewCache {
         places: &[(usize, Pose2)],
         matcher: &MatcherConfig,
     ) -> f64 {
-        let probe = &submaps[newer].probe;
+        let look = self.look(newer, submaps);
+        let probe = &look.probe;
         let mut rest = probe.clone();
         for (older, older_from_newer) in places {
             self.learn(*older, submaps, matcher.cell_m);
@@ -138,11 +177,11 @@ impl ViewCache {
 }
 
 impl View {
-    /// Where the newer submap's surfaces lie on this view, not checked yet.
+    /// Where the newer submap's probe lies on this view, not checked yet. `older` and `newer` are the submaps' middles.
     fn places(
         &mut self,
-        older: &Submap,
-        newer: &Submap,
+        [older, newer]: [Pose2; 2],
+        probe: &SurfaceScan,
         expected: &Pose2,
         uncertainty: &Uncertainty,
         matcher: &MatcherConfig,
@@ -150,11 +189,11 @@ impl View {
         let information = Matrix3::from_diagonal(
             &[uncertainty.sigma_m.powi(-2), uncertainty.sigma_m.powi(-2), uncertainty.sigma_rad.powi(-2)].into(),
         );
-        let near = match_scan(&self.map, &newer.probe, &PoseBelief { pose: *expected, information }, matcher);
+        let near = match_scan(&self.map, probe, &PoseBelief { pose: *expected, information }, matcher);
         let mut fits = vec![near];
         if uncertainty.sigma_m > WITHIN_REACH_M || uncertainty.sigma_rad > WITHIN_REACH_RAD {
             // The search turns the submap about its middle, not about its first pose.
-            let centred = newer.probe.seen_from(&newer.middle);
+            let centred = probe.seen_from(&newer);
             let query = PlaceQuery {
                 window: SearchWindow {
                     distance_m: (WINDOW_SIGMAS * uncertainty.sigma_m).clamp(WINDOW_M[0], WINDOW_M[1]),
@@ -167,16 +206,12 @@ impl View {
             };
             let map = &self.map;
             let search = self.search.get_or_insert_with(|| {
-                PlaceSearch::new(&SurfaceScan::from_surfaces([older.middle.x, older.middle.y], map.surfaces()))
+                PlaceSearch::new(&SurfaceScan::from_surfaces([older.x, older.y], map.surfaces()))
             });
-            for place in search.find(&centred, &expected.compose(&newer.middle), &query).unwrap_or_default() {
-                let start = place.pose.compose(&newer.middle.inverse());
-                let found = match_scan(
-                    &self.map,
-                    &newer.probe,
-                    &PoseBelief { pose: start, information: Matrix3::zeros() },
-                    matcher,
-                );
+            for place in search.find(&centred, &expected.compose(&newer), &query).unwrap_or_default() {
+                let start = place.pose.compose(&newer.inverse());
+                let found =
+                    match_scan(&self.map, probe, &PoseBelief { pose: start, information: Matrix3::zeros() }, matcher);
                 if fits.iter().all(|fit| !is_same(&fit.belief.pose, &found.belief.pose)) {
                     fits.push(found);
                 }
@@ -193,11 +228,10 @@ impl View {
         submaps: &[Arc<Submap>],
         matcher: &MatcherConfig,
     ) -> (f64, f64) {
-        let to_parts: Vec<(&Submap, Pose2)> = self
-            .parts
-            .iter()
-            .map(|(part, view_from_part)| (submaps[*part].as_ref(), view_from_part.inverse().compose(pose)))
-            .collect();
+        // What a submap had in view counts no more once it is forgotten what it saw there.
+        let remembered = self.parts.iter().filter(|part| !submaps[part.submap].is_forgotten());
+        let to_parts: Vec<(&Look, Pose2)> =
+            remembered.map(|part| (part.look.as_ref(), part.view_from_part.inverse().compose(pose))).collect();
         let in_view = probe.filtered(|point| {
             to_parts.iter().any(|(part, part_from_probe)| {
                 part.had_in_view(part_from_probe.transform_point(point.map(f64::from)).map(|v| v as f32))

@@ -22,13 +22,15 @@ pub struct SessionMemory {
     /// Hypotheses, each with its pose graph, which grows with the area, and the retired submaps, which grow with the
     /// distance.
     pub hypotheses: usize,
+    /// What was put away in a store (see [`Session::limit_memory`]); none of the others counts it.
+    pub put_away: usize,
 }
 
 impl SessionMemory {
-    /// All of it.
+    /// All of it that is in memory.
     #[must_use]
     pub fn total(&self) -> usize {
-        let Self { trajectory, key_scans, scans_between, looks, submaps, comparisons, hypotheses } = *self;
+        let Self { trajectory, key_scans, scans_between, looks, submaps, comparisons, hypotheses, put_away: _ } = *self;
         trajectory + key_scans + scans_between + looks + submaps + comparisons + hypotheses
     }
 }
@@ -37,7 +39,7 @@ impl Session {
     /// Who holds its memory; takes time as the session is long.
     #[must_use]
     pub fn memory(&self) -> SessionMemory {
-        let key_scans = self.scans().iter().map(|scan| size_of::<StoredScan>() + scan.points.bytes().len());
+        let key_scans = self.scans().iter().map(|scan| size_of::<StoredScan>() + scan.points.held_bytes());
         let [looks, submaps, comparisons, hypotheses] = self.places().map(PlaceGraph::held_bytes).unwrap_or_default();
         SessionMemory {
             trajectory: self.bytes_of_poses(),
@@ -47,6 +49,7 @@ impl Session {
             submaps,
             comparisons,
             hypotheses,
+            put_away: self.bytes_put_away(),
         }
     }
 }

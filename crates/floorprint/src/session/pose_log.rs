@@ -6,6 +6,7 @@
 
 use crate::geometry::Pose2;
 use crate::sensors::StampedPose;
+use crate::storage::{Part, Shelf};
 use std::sync::Arc;
 
 /// Poses are packed in blocks of so many.
@@ -14,9 +15,11 @@ pub const POSES_PER_BLOCK: usize = 1024;
 /// Poses in the order of the drive. Copies share what is packed.
 #[derive(Debug, Clone, Default)]
 pub(super) struct PoseLog {
-    packed: Vec<Arc<[u8]>>,
+    packed: Vec<Part>,
     /// Those after the packed ones.
     open: Vec<StampedPose>,
+    /// Where what is packed lies, if its memory is bounded.
+    shelf: Option<Arc<Shelf>>,
 }
 
 impl PoseLog {
@@ -29,7 +32,7 @@ impl PoseLog {
     }
 
     pub(super) fn last(&self) -> Option<StampedPose> {
-        self.open.last().copied().or_else(|| unpack_poses(self.packed.last()?)?.pop())
+        self.open.last().copied().or_else(|| unpack_poses(&self.packed.last()?.bytes())?.pop())
     }
 
     pub(super) fn push(&mut self, pose: StampedPose) {
@@ -40,8 +43,18 @@ impl PoseLog {
     pub(super) fn pack(&mut self, settled: usize) {
         let whole = settled.min(self.len()).saturating_sub(self.packed_poses()) / POSES_PER_BLOCK * POSES_PER_BLOCK;
         // All at once: taken from the front block by block, those of a long drive would be moved again and again.
-        self.packed.extend(self.open[..whole].chunks(POSES_PER_BLOCK).map(|block| pack_poses(block).into()));
+        for block in self.open[..whole].chunks(POSES_PER_BLOCK) {
+            let part = Part::new(pack_poses(block));
+            self.shelf.iter().for_each(|shelf| part.lay_on(shelf));
+            self.packed.push(part);
+        }
         self.open.drain(..whole);
+    }
+
+    /// Lays what is packed on a shelf, now and from now on.
+    pub(super) fn lay_on(&mut self, shelf: &Arc<Shelf>) {
+        self.packed.iter().for_each(|part| part.lay_on(shelf));
+        self.shelf = Some(Arc::clone(shelf));
     }
 
     /// Gives the poses from `first` on other values.
@@ -58,7 +71,7 @@ impl PoseLog {
     /// The pose of a frame.
     pub(super) fn get(&self, frame: usize) -> Option<StampedPose> {
         match self.packed.get(frame / POSES_PER_BLOCK) {
-            Some(block) => unpack_poses(block)?.get(frame % POSES_PER_BLOCK).copied(),
+            Some(block) => unpack_poses(&block.bytes())?.get(frame % POSES_PER_BLOCK).copied(),
             None => self.open.get(frame - self.packed_poses()).copied(),
         }
     }
@@ -68,7 +81,7 @@ impl PoseLog {
         let mut poses = Vec::with_capacity(self.len().saturating_sub(first));
         let block = (first / POSES_PER_BLOCK).min(self.packed.len());
         // What is packed here can be unpacked.
-        self.packed[block..].iter().for_each(|block| poses.extend(unpack_poses(block).unwrap_or_default()));
+        self.packed[block..].iter().for_each(|block| poses.extend(unpack_poses(&block.bytes()).unwrap_or_default()));
         poses.extend_from_slice(&self.open);
         poses.drain(..(first - block * POSES_PER_BLOCK).min(poses.len()));
         poses
@@ -81,20 +94,20 @@ impl PoseLog {
                 let open = self.open.chunks(POSES_PER_BLOCK).nth(number - self.packed.len());
                 pack_poses(open.unwrap_or_default()).into()
             },
-            Arc::clone,
+            Part::bytes,
         )
     }
 
     /// Bytes that it holds.
     pub(super) fn held_bytes(&self) -> usize {
-        let packed = self.packed.iter().map(|block| block.len() + size_of_val(block));
+        let packed = self.packed.iter().map(|block| block.held_bytes() + size_of_val(block));
         packed.sum::<usize>() + size_of_val(&self.open[..])
     }
 }
 
 impl FromIterator<StampedPose> for PoseLog {
     fn from_iter<T: IntoIterator<Item = StampedPose>>(poses: T) -> Self {
-        Self { packed: Vec::new(), open: poses.into_iter().collect() }
+        Self { open: poses.into_iter().collect(), ..Self::default() }
     }
 }
 

@@ -13,6 +13,7 @@ use crate::map::{MapConfig, OccupancyGrid};
 use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
+use crate::storage::{Shelf, StorageTrouble, Store};
 use crate::surface::SurfaceScan;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -53,6 +54,10 @@ pub struct Session {
     finished: Option<Finished>,
     /// The first scan's pose, world from body.
     world_from_start: Pose2,
+    /// How many of the submaps have their parts where they are to lie.
+    laid: usize,
+    /// Where those are, if memory is bounded.
+    shelf: Option<Arc<Shelf>>,
 }
 
 /// The newest scans between the key scans.
@@ -81,11 +86,11 @@ impl ScansBetween {
             return;
         }
         self.last = Some(*pose);
-        self.bytes += points.bytes().len();
+        self.bytes += points.packed_len();
         self.scans.push_back((frame, points.clone()));
         while self.bytes > BYTES_BETWEEN {
             let Some((_, oldest)) = self.scans.pop_front() else { break };
-            self.bytes -= oldest.bytes().len();
+            self.bytes -= oldest.packed_len();
         }
     }
 }
@@ -148,6 +153,58 @@ impl Session {
             front_end: None,
             finished: None,
             world_from_start: Pose2::IDENTITY,
+            laid: 0,
+            shelf: None,
+        }
+    }
+
+    /// From now on at most about so many bytes of what grows with new ground lie in memory: key scans, what submaps look
+    /// like, packed poses. What was not used for the longest time is put away in the store, and comes back when it is
+    /// needed: results are the same bytes as without. Copies made from now on share the store.
+    ///
+    /// Nothing happens if this was asked for before.
+    pub fn limit_memory(&mut self, store: Box<dyn Store>, most_bytes: usize) {
+        if self.shelf.is_some() {
+            return;
+        }
+        let shelf = Arc::new(Shelf::new(store, most_bytes));
+        self.poses.lay_on(&shelf);
+        self.scans[..self.open_scans()].iter().for_each(|scan| scan.points.part().lay_on(&shelf));
+        let finished = self.finished.iter().flat_map(|finished| finished.places.submaps());
+        self.submaps().iter().chain(finished).for_each(|submap| submap.lay_on(&shelf));
+        self.shelf = Some(shelf);
+    }
+
+    /// What is wrong with the store of [`limit_memory`](Self::limit_memory), if anything is.
+    #[must_use]
+    pub fn storage_trouble(&self) -> Option<StorageTrouble> {
+        self.shelf.as_ref().and_then(|shelf| shelf.trouble())
+    }
+
+    /// Bytes that were put away.
+    pub(super) fn bytes_put_away(&self) -> usize {
+        self.shelf.as_ref().map_or(0, |shelf| shelf.away_bytes())
+    }
+
+    /// The first key scan of the submap in the making.
+    fn open_scans(&self) -> usize {
+        let first = self.places_so_far().and_then(PlaceGraph::open_since).unwrap_or(usize::MAX);
+        self.scans.partition_point(|scan| scan.frame < first)
+    }
+
+    /// Joins the key scans of each submap that has ended since this was done last, and lays them where they are to be.
+    fn lay_ended_submaps(&mut self) {
+        let Some(places) = &self.places else { return };
+        let firsts: Vec<usize> = places.submaps()[self.laid..].iter().map(|submap| submap.first).collect();
+        for (number, &first) in firsts.iter().enumerate() {
+            let end = firsts.get(number + 1).copied().or_else(|| places.open_since()).unwrap_or(usize::MAX);
+            let at = |frame: usize| self.scans.partition_point(|scan| scan.frame < frame);
+            let scans = at(first)..at(end);
+            CompactScan::join(self.scans[scans].iter_mut().map(|scan| &mut scan.points), self.shelf.as_ref());
+            if let Some(shelf) = &self.shelf {
+                places.submaps()[self.laid].lay_on(shelf);
+            }
+            self.laid += 1;
         }
     }
 
@@ -283,6 +340,8 @@ impl Session {
             front_end: state.front_end,
             finished: state.finished,
             world_from_start: state.world_from_start,
+            laid: 0,
+            shelf: None,
         };
         let frames: Vec<usize> = session.scans.iter().map(|scan| scan.frame).collect();
         let points: Vec<CompactScan> = session.scans.iter().map(|scan| scan.points.clone()).collect();
@@ -308,6 +367,7 @@ impl Session {
             holds(are_frames && are_finite, "the refined poses are not those of frames")?;
         }
         session.poses.pack(session.settled_frames());
+        session.lay_ended_submaps();
         Ok(session)
     }
 
@@ -352,7 +412,11 @@ impl Session {
     /// that frame on.
     pub fn add_key_scan(&mut self, key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> bool {
         self.add_scan(key_scan.frame, key_scan.points.clone());
-        self.places.as_mut().is_some_and(|places| places.add(key_scan, poses_since))
+        let has_ended = self.places.as_mut().is_some_and(|places| places.add(key_scan, poses_since));
+        if has_ended {
+            self.lay_ended_submaps();
+        }
+        has_ended
     }
 
     /// Lets the back end do one piece of its work, and forgets the key scans that it has no use for any more; tells

@@ -1,5 +1,6 @@
 //! How far a scan saw in each direction.
 
+use super::packing::{push_marks, take_array, take_marks};
 use std::sync::Arc;
 
 /// The outline of what a scan saw.
@@ -42,9 +43,36 @@ impl Horizon {
         Self { origin_m, range_m: Arc::new(range_m), farthest_m }
     }
 
-    /// Bytes that it holds.
-    pub(crate) fn held_bytes(&self) -> usize {
-        size_of::<Self>() + size_of::<[f32; SECTORS]>()
+    /// Appends it to bytes of which [`unpack`](Self::unpack) makes the same: sectors that saw as far as the one before
+    /// take a bit.
+    pub(crate) fn pack(&self, bytes: &mut Vec<u8>) {
+        for number in [self.origin_m[0], self.origin_m[1], self.farthest_m] {
+            bytes.extend(number.to_le_bytes());
+        }
+        let before = std::iter::once(&0.0).chain(self.range_m.iter());
+        let is_other: Vec<bool> =
+            before.zip(self.range_m.iter()).map(|(before, range)| before.to_bits() != range.to_bits()).collect();
+        push_marks(bytes, &is_other);
+        let others = self.range_m.iter().zip(is_other).filter(|(_, is_other)| *is_other);
+        others.for_each(|(range, _)| bytes.extend(range.to_le_bytes()));
+    }
+
+    /// Takes a packed horizon from the front of bytes; `None` if they are none.
+    pub(crate) fn unpack(bytes: &mut &[u8]) -> Option<Self> {
+        let mut numbers = [0.0; 3];
+        for number in &mut numbers {
+            *number = f64::from_le_bytes(take_array(bytes)?);
+        }
+        let is_other = take_marks(bytes, SECTORS)?;
+        let (mut range_m, mut last) = ([0.0; SECTORS], 0.0);
+        for (range, is_other) in range_m.iter_mut().zip(is_other) {
+            if is_other {
+                last = f32::from_le_bytes(take_array(bytes)?);
+            }
+            *range = last;
+        }
+        let [x, y, farthest_m] = numbers;
+        Some(Self { origin_m: [x, y], range_m: Arc::new(range_m), farthest_m })
     }
 
     /// Where the rays begin, metres.

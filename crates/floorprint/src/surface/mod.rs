@@ -2,6 +2,7 @@
 
 mod horizon;
 mod near_cells;
+pub(crate) mod packing;
 mod proximity_field;
 mod surface_map;
 mod surface_scan;

@@ -1,5 +1,6 @@
 //! A scan's points with the normals of the surfaces they lie on.
 
+use super::packing::{push_columns, take_array, take_columns};
 use super::{Horizon, Surface};
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
@@ -42,9 +43,20 @@ pub struct SurfaceScan {
 }
 
 impl SurfaceScan {
-    /// Bytes that its points take.
-    pub(crate) fn held_bytes(&self) -> usize {
-        self.x_m.len() * size_of::<[f32; 4]>()
+    /// Appends it to bytes of which [`unpack`](Self::unpack) makes the same.
+    pub(crate) fn pack(&self, bytes: &mut Vec<u8>) {
+        self.origin_m.iter().for_each(|coordinate| bytes.extend(coordinate.to_le_bytes()));
+        bytes.extend((self.len() as u32).to_le_bytes());
+        push_columns(bytes, [&self.x_m, &self.y_m, &self.normal_x, &self.normal_y]);
+    }
+
+    /// Takes a packed scan from the front of bytes; `None` if they are none.
+    pub(crate) fn unpack(bytes: &mut &[u8]) -> Option<Self> {
+        let [x, y] = [take_array(bytes)?, take_array(bytes)?];
+        let origin_m = [f64::from_le_bytes(x), f64::from_le_bytes(y)];
+        let points = u32::from_le_bytes(take_array(bytes)?) as usize;
+        let [x_m, y_m, normal_x, normal_y] = take_columns(bytes, points)?;
+        Some(Self { origin_m, x_m, y_m, normal_x, normal_y })
     }
 
     /// Points of `scan`, thinned as asked for, with normals from all its points.
@@ -116,11 +128,11 @@ impl SurfaceScan {
         self.normal_y.push(normal_y);
     }
 
-    /// At most about `most` of the points, chosen so that surfaces of all directions have their say
+    /// Marks at most about `most` of the points, chosen so that surfaces of all directions have their say
     /// (normal-space sampling, Rusinkiewicz & Levoy 2001): along a corridor its few recesses and
     /// corners tell more than its long walls.
     #[must_use]
-    pub fn balanced(&self, most: usize) -> Self {
+    pub fn balance(&self, most: usize) -> Vec<bool> {
         let mut buckets: Vec<Vec<usize>> = vec![Vec::new(); DIRECTIONS + 1];
         for (index, (_, [x, y])) in self.iter().enumerate() {
             let direction = if length(x, y) < ROUGH {
@@ -135,19 +147,20 @@ impl SurfaceScan {
         let mut by_size: Vec<usize> = (0..buckets.len()).filter(|&bucket| !buckets[bucket].is_empty()).collect();
         by_size.sort_by_key(|&bucket| (buckets[bucket].len(), bucket));
         let mut left = most;
-        let mut chosen = Vec::with_capacity(most + buckets.len());
+        let mut marks = vec![false; self.len()];
         for (done, &bucket) in by_size.iter().enumerate() {
             let points = &buckets[bucket];
             let quota = (left / (by_size.len() - done)).clamp(1, points.len());
-            chosen.extend((0..quota).map(|k| points[k * points.len() / quota]));
+            (0..quota).for_each(|k| marks[points[k * points.len() / quota]] = true);
             left = left.saturating_sub(quota);
         }
-        chosen.sort_unstable();
-        let mut result = Self::with_capacity(self.origin_m, chosen.len());
-        for index in chosen {
-            result.push([self.x_m[index], self.y_m[index]], [self.normal_x[index], self.normal_y[index]]);
-        }
-        result
+        marks
+    }
+
+    /// The points that [`balance`](Self::balance) marks.
+    #[must_use]
+    pub fn balanced(&self, most: usize) -> Self {
+        self.selected(self.balance(most).into_iter())
     }
 
     /// How far the scan saw, in the frame in which its origin has the pose `frame_from_scan`.
