@@ -1,6 +1,6 @@
 //! Drives a log to and fro, again and again, or through a large office, and says what a scan costs the filter and how much
-//! memory it holds: `cargo run --release -p floorprint-cli --example soak -- LOG [DRIVES]`, or `-- office KM` for new ground
-//! all the way (1081 beams, 40 Hz), which is told of each kilometre.
+//! memory it holds: `cargo run --release -p floorprint-cli --example soak -- LOG [DRIVES]`, or `-- office KM [MB]` for new
+//! ground all the way (1081 beams, 40 Hz), with at most so much of the session in memory, which is told of each kilometre.
 //!
 //! The way back is the log's scans in reverse order with inverted motions. Loops are closed on the way, as on a live robot.
 //! Tells after each drive who holds the session's memory, and what it takes to save it after a second more.
@@ -12,7 +12,7 @@ use floorprint::geometry::Pose2;
 use floorprint::session::SessionMemory;
 use floorprint::simulator::{SimulationConfig, World, simulate};
 use floorprint::{Config, Frame, Frames, Slam};
-use floorprint_io::{OpenOptions, SessionFile};
+use floorprint_io::{OpenOptions, ScratchFile, SessionFile};
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
 use std::io::Write;
@@ -44,8 +44,9 @@ fn most_memory_mb() -> Option<f64> {
     status_mb("VmHWM:")
 }
 
-/// Drives through an office of this length and says after each kilometre who holds the memory.
-fn over_new_ground(length_km: f64) -> anyhow::Result<()> {
+/// Drives through an office of this length and says after each kilometre who holds the memory. Of the session at most
+/// `most_mb` megabytes lie in memory, if that is bounded.
+fn over_new_ground(length_km: f64, most_mb: Option<f64>) -> anyhow::Result<()> {
     let mut simulation = SimulationConfig::default();
     (simulation.lidar.beams, simulation.lidar.rate_hz, simulation.camera.rate_hz) = (1081, 40.0, 0.0);
     let sweep_s = &mut simulation.robot.lidar.sweep_duration_s;
@@ -54,14 +55,19 @@ fn over_new_ground(length_km: f64) -> anyhow::Result<()> {
     let config = Config::resolve(&[Layer::from_robot(&drive.config().robot)])?;
     let frames = Frames::of(&drive, &config)?;
     let mut slam = Slam::new(&config);
+    if let Some(most_mb) = most_mb {
+        slam.limit_memory(Box::new(ScratchFile::create_in(&std::env::temp_dir())?), (most_mb * 1e6) as usize);
+    }
     let before_mb = memory_mb().unwrap_or(f64::NAN);
     let mut out = std::io::stdout().lock();
     writeln!(out, "   km    scans  memory MB beyond the simulation's | {HOLDERS} | key scans  submaps")?;
     let (mut length_m, mut told_km) = (0.0, 0.0);
-    let mut scans = 0;
+    let (mut scans, mut solving_s) = (0, 0.0);
     for frame in frames.iter() {
         length_m += frame.motion.map_or(0.0, |step| step.distance());
+        let started = Instant::now();
         slam.process(&frame)?;
+        solving_s += started.elapsed().as_secs_f64();
         scans += 1;
         if length_m * 1e-3 > told_km + 1.0 {
             told_km += 1.0;
@@ -79,20 +85,30 @@ fn over_new_ground(length_km: f64) -> anyhow::Result<()> {
     let finish_s = started.elapsed().as_secs_f64();
     let [held, most] = [memory_mb(), most_memory_mb()].map(|mb| mb.unwrap_or(f64::NAN) - before_mb);
     let scans = result.trajectory.len();
-    writeln!(out, "end of {scans} scans in {finish_s:.1} s: {held:.1} MB held, {most:.1} MB at most")?;
+    let checksum = result.trajectory.iter().fold(0_u64, |sum, stamped| {
+        let Pose2 { x, y, theta } = stamped.pose;
+        [x, y, theta].iter().fold(sum, |sum, number| sum.rotate_left(5) ^ number.to_bits())
+    });
+    writeln!(
+        out,
+        "{scans} scans in {solving_s:.1} s, their end in {finish_s:.1} s: {held:.1} MB held, {most:.1} MB at most; \
+         trajectory {checksum:016x}"
+    )?;
     Ok(())
 }
 
 /// The columns of [`told`].
-const HOLDERS: &str = "MB of: poses  key scans  between  looks  submaps  comparisons  hypotheses";
+const HOLDERS: &str = "MB of: poses  key scans  between  looks  submaps  comparisons  hypotheses  put away";
 
 /// Who holds a session's memory.
 fn told(of: &SessionMemory) -> String {
-    let [poses, key_scans, between, looks, records, comparisons, hypotheses] =
-        [of.trajectory, of.key_scans, of.scans_between, of.looks, of.submaps, of.comparisons, of.hypotheses]
-            .map(|bytes| bytes as f64 * 1e-6);
+    let [poses, key_scans, between, looks, away] =
+        [of.trajectory, of.key_scans, of.scans_between, of.looks, of.put_away].map(|bytes| bytes as f64 * 1e-6);
+    let [records, comparisons, hypotheses] =
+        [of.submaps, of.comparisons, of.hypotheses].map(|bytes| bytes as f64 * 1e-6);
     format!(
-        "{poses:12.1}  {key_scans:9.1}  {between:7.1}  {looks:5.1}  {records:7.2}  {comparisons:11.2}  {hypotheses:10.2}"
+        "{poses:12.1}  {key_scans:9.1}  {between:7.1}  {looks:5.1}  {records:7.2}  {comparisons:11.2}  {hypotheses:10.2}  \
+         {away:8.1}"
     )
 }
 
@@ -100,7 +116,8 @@ fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);
     let log = arguments.next().context("which log?")?;
     if log == "office" {
-        return over_new_ground(arguments.next().context("how many kilometres?")?.parse()?);
+        let length_km = arguments.next().context("how many kilometres?")?.parse()?;
+        return over_new_ground(length_km, arguments.next().map(|most_mb| most_mb.parse()).transpose()?);
     }
     let drives: usize = arguments.next().map_or(Ok(20), |drives| drives.parse()).context("how many drives?")?;
     let data_set = floorprint_io::open(Path::new(&log), &OpenOptions::default())?;

@@ -2,7 +2,7 @@
 
 use super::Renderer;
 use super::pose_log::PoseLog;
-use super::refinement::{map_of, refine};
+use super::refinement::{KeyScanSurfaces, refine};
 use super::trajectory::correct_poses;
 use crate::back_end::{Anchor, BackEnd, PlaceGraph, Submap};
 use crate::compact_scan::CompactScan;
@@ -529,13 +529,13 @@ impl Session {
         let poses = self.corrected_poses();
         let thinning = matcher.thinning();
         let surfaces = |points: &CompactScan| SurfaceScan::new(&points.unpack(), &thinning);
-        let key_scans: Vec<SurfaceScan> = self.scans.par_iter().map(|scan| surfaces(&scan.points)).collect();
+        let key_scans = KeyScanSurfaces::new(&self.scans, matcher.thinning());
         let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame].pose).collect();
         for _ in 1..refinements {
-            of_key_scans = refine(&map_of(&key_scans, &of_key_scans, matcher), &key_scans, &of_key_scans, matcher);
+            of_key_scans = key_scans.refined(&key_scans.map_at(&of_key_scans, matcher), &of_key_scans, matcher);
         }
-        let map = map_of(&key_scans, &of_key_scans, matcher);
-        of_key_scans = refine(&map, &key_scans, &of_key_scans, matcher);
+        let map = key_scans.map_at(&of_key_scans, matcher);
+        of_key_scans = key_scans.refined(&map, &of_key_scans, matcher);
         // These are many: their surfaces are made one by one.
         let refined_between = |(frame, points): &(usize, CompactScan)| {
             refine(&map, &[surfaces(points)], &[poses[*frame].pose], matcher).first().map(|pose| (*frame, *pose))

@@ -29,15 +29,15 @@ fn disorder(order: i32) -> f32 {
     f32::from_bits(if order < 0 { !order | i32::MIN } else { order } as u32)
 }
 
-/// Appends four columns of equal length, row by row: how each number differs from the one before, in units in the last
-/// place, in as many bytes as that takes.
-pub(crate) fn push_columns(bytes: &mut Vec<u8>, columns: [&[f32]; 4]) {
+/// Appends rows of four numbers: how each differs from the one before it in its column, in units in the last place, in as
+/// many bytes as that takes.
+pub(crate) fn push_rows(bytes: &mut Vec<u8>, rows: impl Iterator<Item = [f32; 4]>) {
     let mut before = [0_i32; 4];
-    for row in 0..columns[0].len() {
+    for row in rows {
         let lengths_at = bytes.len();
         bytes.push(0);
-        for (axis, before) in before.iter_mut().enumerate() {
-            let here = order(columns[axis][row]);
+        for (axis, (number, before)) in row.into_iter().zip(&mut before).enumerate() {
+            let here = order(number);
             let difference = here.wrapping_sub(*before);
             let zigzag = (difference << 1 ^ difference >> 31) as u32;
             *before = here;
@@ -48,7 +48,7 @@ pub(crate) fn push_columns(bytes: &mut Vec<u8>, columns: [&[f32]; 4]) {
     }
 }
 
-/// Takes four columns of so many numbers from the front of bytes; `None` if these are none.
+/// Takes so many rows from the front of bytes, as columns; `None` if these are none.
 pub(crate) fn take_columns(bytes: &mut &[u8], rows: usize) -> Option<[Vec<f32>; 4]> {
     // Each row takes five bytes at least: no count claims more memory than the bytes are worth.
     if rows > bytes.len() / 5 {
@@ -83,7 +83,7 @@ mod tests {
             let columns: [Vec<f32>; 4] =
                 std::array::from_fn(|axis| rows.iter().map(|row| f32::from_bits(row[axis])).collect());
             let mut bytes = Vec::new();
-            push_columns(&mut bytes, columns.each_ref().map(|column| &column[..]));
+            push_rows(&mut bytes, rows.iter().map(|row| row.map(f32::from_bits)));
             bytes.push(7);
             let mut rest = &bytes[..];
             let back = take_columns(&mut rest, rows.len()).unwrap();

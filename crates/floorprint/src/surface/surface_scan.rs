@@ -1,6 +1,6 @@
 //! A scan's points with the normals of the surfaces they lie on.
 
-use super::packing::{push_columns, take_array, take_columns};
+use super::packing::{push_rows, take_array, take_columns};
 use super::{Horizon, Surface};
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
@@ -47,7 +47,7 @@ impl SurfaceScan {
     pub(crate) fn pack(&self, bytes: &mut Vec<u8>) {
         self.origin_m.iter().for_each(|coordinate| bytes.extend(coordinate.to_le_bytes()));
         bytes.extend((self.len() as u32).to_le_bytes());
-        push_columns(bytes, [&self.x_m, &self.y_m, &self.normal_x, &self.normal_y]);
+        push_rows(bytes, self.iter().map(|([x, y], [normal_x, normal_y])| [x, y, normal_x, normal_y]));
     }
 
     /// Takes a packed scan from the front of bytes; `None` if they are none.
