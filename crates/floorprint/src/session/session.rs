@@ -2,7 +2,7 @@
 
 use super::Renderer;
 use super::pose_log::PoseLog;
-use super::refinement::{KeyScanSurfaces, refine};
+use super::refinement::Refinement;
 use super::trajectory::correct_poses;
 use crate::back_end::{Anchor, BackEnd, PlaceGraph, Submap};
 use crate::compact_scan::CompactScan;
@@ -14,8 +14,6 @@ use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
 use crate::storage::{Shelf, StorageTrouble, Store};
-use crate::surface::SurfaceScan;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -527,22 +525,18 @@ impl Session {
             return;
         }
         let poses = self.corrected_poses();
-        let thinning = matcher.thinning();
-        let surfaces = |points: &CompactScan| SurfaceScan::new(&points.unpack(), &thinning);
-        let key_scans = KeyScanSurfaces::new(&self.scans, matcher.thinning());
-        let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame].pose).collect();
+        let of_frame = |frame: usize| poses[frame].pose;
+        let refinement = Refinement::new(&self.scans, matcher);
+        let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| of_frame(scan.frame)).collect();
         for _ in 1..refinements {
-            of_key_scans = key_scans.refined(&key_scans.map_at(&of_key_scans, matcher), &of_key_scans, matcher);
+            of_key_scans = refinement.fitted(&of_key_scans, &[]).0;
         }
-        let map = key_scans.map_at(&of_key_scans, matcher);
-        of_key_scans = key_scans.refined(&map, &of_key_scans, matcher);
-        // These are many: their surfaces are made one by one.
-        let refined_between = |(frame, points): &(usize, CompactScan)| {
-            refine(&map, &[surfaces(points)], &[poses[*frame].pose], matcher).first().map(|pose| (*frame, *pose))
-        };
-        let of_between: Vec<Option<(usize, Pose2)>> = self.between.scans.par_iter().map(refined_between).collect();
+        let between: Vec<(&CompactScan, Pose2)> =
+            self.between.scans.iter().map(|(frame, points)| (points, of_frame(*frame))).collect();
+        let (of_key_scans, of_between) = refinement.fitted(&of_key_scans, &between);
         let key_frames = self.scans.iter().map(|scan| scan.frame).zip(of_key_scans);
-        let mut refined: Vec<(usize, Pose2)> = key_frames.chain(of_between.into_iter().flatten()).collect();
+        let of_between = self.between.scans.iter().map(|(frame, _)| *frame).zip(of_between);
+        let mut refined: Vec<(usize, Pose2)> = key_frames.chain(of_between).collect();
         refined.sort_by_key(|&(frame, _)| frame);
         if let Some(finished) = &mut self.finished {
             finished.refined = refined;
