@@ -13,7 +13,7 @@ use crate::map::{MapConfig, OccupancyGrid};
 use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
-use crate::surface::SurfaceScan;
+use crate::surface::{SurfaceScan, Thinning};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -451,7 +451,15 @@ impl Session {
         renderer.into_grid()
     }
 
-    /// Ends the drive: the last loops are closed, and all key scans are fitted to each other, so many times.
+    /// Adds poses that were fitted to all scans, with their frames.
+    fn add_refined(&mut self, refined: Vec<(usize, Pose2)>) {
+        if let Some(finished) = &mut self.finished {
+            finished.refined.extend(refined);
+            finished.refined.sort_by_key(|&(frame, _)| frame);
+        }
+    }
+
+    /// Ends the drive: the last loops are closed, and all scans are fitted to each other, so many times.
     pub(crate) fn finish(&mut self, back_end: BackEnd, refinements: usize, matcher: &MatcherConfig) {
         let Some(places) = &self.places else { return };
         let mut places = places.clone();
@@ -463,25 +471,25 @@ impl Session {
             return;
         }
         let poses = self.corrected_poses();
+        let surfaces = |points: &CompactScan, thinning: &Thinning| SurfaceScan::new(&points.unpack(), thinning);
         let thinning = matcher.thinning();
-        let surfaces = |points: &CompactScan| SurfaceScan::new(&points.unpack(), &thinning);
-        let key_scans: Vec<SurfaceScan> = self.scans.par_iter().map(|scan| surfaces(&scan.points)).collect();
+        let key_scans: Vec<SurfaceScan> = self.scans.par_iter().map(|scan| surfaces(&scan.points, &thinning)).collect();
         let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame].pose).collect();
         for _ in 1..refinements {
             of_key_scans = refine(&map_of(&key_scans, &of_key_scans, matcher), &key_scans, &of_key_scans, matcher);
         }
         let map = map_of(&key_scans, &of_key_scans, matcher);
         of_key_scans = refine(&map, &key_scans, &of_key_scans, matcher);
-        // These are many: their surfaces are made one by one.
+        self.add_refined(self.scans.iter().map(|scan| scan.frame).zip(of_key_scans).collect());
+        // Moved along with the key scans around them the others nearly fit, so that half of their points will do. They are
+        // many: their surfaces are made one by one.
+        let poses = self.corrected_poses();
+        let halved = thinning.halved();
         let refined_between = |(frame, points): &(usize, CompactScan)| {
-            refine(&map, &[surfaces(points)], &[poses[*frame].pose], matcher).first().map(|pose| (*frame, *pose))
+            let scan = surfaces(points, &halved);
+            refine(&map, &[scan], &[poses[*frame].pose], matcher).first().map(|pose| (*frame, *pose))
         };
-        let of_between: Vec<Option<(usize, Pose2)>> = self.between.scans.par_iter().map(refined_between).collect();
-        let key_frames = self.scans.iter().map(|scan| scan.frame).zip(of_key_scans);
-        let mut refined: Vec<(usize, Pose2)> = key_frames.chain(of_between.into_iter().flatten()).collect();
-        refined.sort_by_key(|&(frame, _)| frame);
-        if let Some(finished) = &mut self.finished {
-            finished.refined = refined;
-        }
+        let between: Vec<Option<(usize, Pose2)>> = self.between.scans.par_iter().map(refined_between).collect();
+        self.add_refined(between.into_iter().flatten().collect());
     }
 }
