@@ -115,8 +115,11 @@ impl PartialEq for CompactScan {
 
 impl Eq for CompactScan {}
 
+/// The nearest whole number of units. Without SSE 4.1, which x86-64 does not promise, `f32::round` is a function call.
+#[inline]
 fn units(coordinate_m: f32) -> i32 {
-    (coordinate_m.clamp(-FARTHEST_M, FARTHEST_M) * UNITS_PER_M).round() as i32
+    let units = f64::from(coordinate_m.clamp(-FARTHEST_M, FARTHEST_M) * UNITS_PER_M);
+    (units + 0.5_f64.copysign(units)) as i32
 }
 
 fn push_number(bytes: &mut Vec<u8>, number: i64) {
@@ -128,7 +131,17 @@ fn push_number(bytes: &mut Vec<u8>, number: i64) {
     bytes.push(rest as u8);
 }
 
+#[inline]
 fn take_number(bytes: &mut &[u8]) -> Option<i64> {
+    // Mostly it is short.
+    if let [low, high, rest @ ..] = bytes
+        && *high < 0x80
+        && *low >= 0x80
+    {
+        let number = u32::from(low & 0x7f) | u32::from(*high) << 7;
+        *bytes = rest;
+        return Some(i64::from((number >> 1) as i32 ^ -((number & 1) as i32)));
+    }
     let mut number = 0_u64;
     for shift in (0..64).step_by(7) {
         let (&byte, rest) = bytes.split_first()?;
@@ -193,6 +206,18 @@ mod tests {
             let twice = CompactScan::new(&once);
             prop_assert_eq!(twice.unpack().hits, once.hits.clone());
             prop_assert_eq!(CompactScan::from_bytes(&twice.bytes()), Some(twice));
+        }
+
+        #[test]
+        fn units_are_rounded_and_numbers_come_back(value in -9000.0..9000.0_f32, number in any::<i32>(), small in -9000..9000_i64) {
+            prop_assert_eq!(units(value), (value.clamp(-FARTHEST_M, FARTHEST_M) * UNITS_PER_M).round() as i32);
+            for number in [i64::from(number), small] {
+                let mut bytes = Vec::new();
+                push_number(&mut bytes, number);
+                let mut rest = &bytes[..];
+                prop_assert_eq!(take_number(&mut rest), Some(number));
+                prop_assert!(rest.is_empty());
+            }
         }
 
         #[test]

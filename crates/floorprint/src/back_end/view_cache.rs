@@ -199,6 +199,7 @@ impl View {
                     distance_m: (WINDOW_SIGMAS * uncertainty.sigma_m).clamp(WINDOW_M[0], WINDOW_M[1]),
                     angle_rad: (WINDOW_SIGMAS * uncertainty.sigma_rad).clamp(WINDOW_RAD[0], WINDOW_RAD[1]),
                 },
+                likely: Some(near.belief.pose.compose(&newer)),
                 min_score: PLACE_MIN_SCORE,
                 margin: PLACE_MARGIN,
                 most: PLACES,
@@ -230,12 +231,12 @@ impl View {
     ) -> (f64, f64) {
         // What a submap had in view counts no more once it is forgotten what it saw there.
         let remembered = self.parts.iter().filter(|part| !submaps[part.submap].is_forgotten());
-        let to_parts: Vec<(&Look, Pose2)> =
-            remembered.map(|part| (part.look.as_ref(), part.view_from_part.inverse().compose(pose))).collect();
+        let parts: Vec<_> = remembered
+            .map(|part| (&part.look, part.view_from_part.inverse().compose(pose).point_transform()))
+            .collect();
         let in_view = probe.filtered(|point| {
-            to_parts.iter().any(|(part, part_from_probe)| {
-                part.had_in_view(part_from_probe.transform_point(point.map(f64::from)).map(|v| v as f32))
-            })
+            let point = point.map(f64::from);
+            parts.iter().any(|(part, from_probe)| part.had_in_view(from_probe(point).map(|v| v as f32)))
         });
         let overlap_share = in_view.len() as f64 / probe.len().max(1) as f64;
         (overlap_share, inlier_share(&self.map, &in_view, pose, matcher))

@@ -54,9 +54,15 @@ impl Pose2 {
 
     /// Maps a point (metres) from the child frame into the parent frame.
     #[must_use]
-    pub fn transform_point(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let (sin, cos) = self.theta.sin_cos();
-        [self.x + cos * x - sin * y, self.y + sin * x + cos * y]
+    pub fn transform_point(&self, point_m: [f64; 2]) -> [f64; 2] {
+        self.point_transform()(point_m)
+    }
+
+    /// The map of [`transform_point`](Self::transform_point) for many points: sine and cosine are computed once.
+    pub fn point_transform(&self) -> impl Fn([f64; 2]) -> [f64; 2] + use<> {
+        let Self { x: x_m, y: y_m, theta } = *self;
+        let (sin, cos) = theta.sin_cos();
+        move |[x, y]| [x_m + cos * x - sin * y, y_m + sin * x + cos * y]
     }
 
     /// The pose reached by moving for one unit of time with a constant body twist

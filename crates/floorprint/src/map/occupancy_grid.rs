@@ -122,7 +122,8 @@ impl OccupancyGrid {
     /// Tiles that a scan may touch.
     #[must_use]
     pub fn tiles_around(&self, world_from_body: &Pose2, scan: &BodyScan) -> TileRectangle {
-        let tile_at = |point_m: [f64; 2]| tile_of(self.cell_at(world_from_body.transform_point(point_m)));
+        let (to_world, inverse_resolution) = (world_from_body.point_transform(), 1.0 / self.resolution_m);
+        let tile_at = |point_m: [f64; 2]| tile_of(Cell::containing(to_world(point_m), inverse_resolution));
         let points = scan.hits.iter().chain(scan.free_ends.iter());
         TileRectangle::around(tile_at(scan.origin_m), points.map(|point| tile_at(point.map(f64::from))))
     }
@@ -141,13 +142,9 @@ impl OccupancyGrid {
         flipped: &mut impl FnMut(Flip),
     ) {
         let inverse_resolution = 1.0 / self.resolution_m;
-        let (sin, cos) = world_from_body.theta.sin_cos();
-        let cell_of = |[x, y]: [f32; 2]| {
-            let (x, y) = (f64::from(x), f64::from(y));
-            let world = [world_from_body.x + cos * x - sin * y, world_from_body.y + sin * x + cos * y];
-            Cell::containing(world, inverse_resolution)
-        };
-        let origin = Cell::containing(world_from_body.transform_point(scan.origin_m), inverse_resolution);
+        let to_world = world_from_body.point_transform();
+        let cell_of = |point_m: [f32; 2]| Cell::containing(to_world(point_m.map(f64::from)), inverse_resolution);
+        let origin = Cell::containing(to_world(scan.origin_m), inverse_resolution);
         let mut rays = Vec::with_capacity(scan.hits.len() + scan.free_ends.len());
         for (index, point) in scan.hits.iter().enumerate() {
             let end = cell_of(point);

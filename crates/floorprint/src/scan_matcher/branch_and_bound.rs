@@ -10,6 +10,7 @@ use super::correlative::SearchWindow;
 use super::pooled_grid::Grid;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::surface::SurfaceScan;
+use multiversion::multiversion;
 
 /// Side of a cell of the finest grid, metres: also the step of the search in x and y.
 const CELL_M: f64 = 0.1;
@@ -36,6 +37,8 @@ const SAME_PLACE_RAD: f64 = 0.15;
 pub struct PlaceQuery {
     /// The poses to look at.
     pub window: SearchWindow,
+    /// A pose that may fit well, if one is known: it spares looking at what fits worse. What is found is the same.
+    pub likely: Option<Pose2>,
     /// Places that score less are not found; 1 is a perfect fit.
     pub min_score: f64,
     /// Places that score less than the best by more than this are not found.
@@ -74,13 +77,14 @@ struct Quads {
     /// The first column and row are those of the quads that begin before the grid's.
     columns: i32,
     rows: i32,
+    /// Row by row, and one more that holds nothing.
     quads: Vec<Quad>,
 }
 
 impl Quads {
     fn of(grid: &Grid) -> Self {
         let (columns, rows) = (grid.columns + 1, grid.rows + 1);
-        let mut quads = vec![0; (columns * rows) as usize];
+        let mut quads = vec![0; (columns * rows + 1) as usize];
         let width = grid.columns as usize;
         for (row, cells) in grid.cells.chunks_exact(width).enumerate() {
             let (above, below) = quads.split_at_mut((row + 1) * width + row + 1);
@@ -95,15 +99,13 @@ impl Quads {
         Self { columns, rows, quads }
     }
 
-    /// The values of the cell, the one to its right, and the two above these; 0 outside.
-    #[inline]
-    fn at(&self, x: i32, y: i32) -> Quad {
-        let (column, row) = (x + 1, y + 1);
-        if (column as u32) < self.columns as u32 && (row as u32) < self.rows as u32 {
-            self.quads[(row * self.columns + column) as usize]
-        } else {
-            0
-        }
+    /// Where the quad is of which the cell is the first; for a cell outside that of one that holds nothing.
+    #[inline(always)]
+    fn place_of(&self, x: i32, y: i32) -> u32 {
+        let (column, row) = ((x + 1) as u32, (y + 1) as u32);
+        let is_inside = (column < self.columns as u32) & (row < self.rows as u32);
+        let place = row.wrapping_mul(self.columns as u32).wrapping_add(column);
+        if is_inside { place } else { (self.columns * self.rows) as u32 }
     }
 }
 
@@ -116,6 +118,14 @@ struct Block {
     offset: [i32; 2],
     /// No offset of the block scores more.
     bound: u32,
+}
+
+/// How far a search has come.
+struct Progress {
+    /// Blocks that may still be looked at.
+    blocks_left: usize,
+    /// Single offsets whose score is known.
+    met: Vec<Block>,
 }
 
 impl PlaceSearch {
@@ -170,12 +180,24 @@ impl PlaceSearch {
         let step_rad = step_rad(&points);
         let turns = (query.window.angle_rad / step_rad).ceil() as i32;
         let headings: Vec<f64> = (-turns..=turns).map(|turn| center.theta + f64::from(turn) * step_rad).collect();
-        let rotated: Vec<Vec<[i32; 2]>> = headings.iter().map(|&theta| self.cells_at(&points, center, theta)).collect();
+        let rotated: Vec<Cells> = headings.iter().map(|&theta| self.cells_at(&points, center, theta)).collect();
         let radius = (query.window.distance_m / CELL_M).ceil() as i32;
-        let mut blocks_left = query.max_blocks;
-        let roots = self.roots(&rotated, radius, &mut blocks_left)?;
+        let mut progress = Progress { blocks_left: query.max_blocks, met: Vec::new() };
+        let roots = self.roots(&rotated, radius, &mut progress.blocks_left)?;
 
         let mut found: Vec<Place> = Vec::new();
+        let likely = query.likely.map(|pose| {
+            let heading = (wrap_angle(pose.theta - center.theta) / step_rad).round() as i32 + turns;
+            let offset = [pose.x - center.x, pose.y - center.y].map(|distance_m| (distance_m / CELL_M).round() as i32);
+            (heading, offset)
+        });
+        if let Some((heading, offset)) = likely
+            && let Some(cells) = usize::try_from(heading).ok().and_then(|heading| rotated.get(heading))
+            && offset.iter().all(|cells| cells.abs() <= radius)
+            && let Some([bound, ..]) = self.bounds(0, cells, 0, offset)
+        {
+            progress.met.push(Block { heading: heading as usize, level: 0, offset, bound });
+        }
         let mut least = (query.min_score * full_score).ceil() as u32;
         while found.len() < query.most {
             let pose_of = |block: &Block| {
@@ -192,7 +214,12 @@ impl PlaceSearch {
                     })
                 })
             };
-            let Some(best) = self.best(&roots, &rotated, radius, least, is_new, &mut blocks_left)? else { break };
+            // Only what is as good as the best that is known to be there is worth a look.
+            let known = progress.met.iter().filter(|block| is_new(block)).map(|block| block.bound).max();
+            let least_now = known.map_or(least, |known| known.max(least));
+            let Some(best) = self.best(&roots, &rotated, radius, least_now, is_new, &mut progress)? else {
+                break;
+            };
             let score = f64::from(best.bound) / full_score;
             if found.is_empty() {
                 least = least.max(((score - query.margin) * full_score).ceil().max(0.0) as u32);
@@ -214,17 +241,17 @@ impl PlaceSearch {
     }
 
     /// The cells of points turned to a heading, relative to the grids' first.
-    fn cells_at(&self, points: &[[f64; 2]], center: &Pose2, theta: f64) -> Vec<[i32; 2]> {
-        let (sin, cos) = theta.sin_cos();
-        let cell = |v: f64, axis: usize| (v / CELL_M).floor() as i32 - self.first[axis];
-        points
-            .iter()
-            .map(|[x, y]| [cell(center.x + cos * x - sin * y, 0), cell(center.y + sin * x + cos * y, 1)])
-            .collect()
+    fn cells_at(&self, points: &[[f64; 2]], center: &Pose2, theta: f64) -> Cells {
+        let to_map = Pose2 { theta, ..*center }.point_transform();
+        let cells = points.iter().map(|&point| {
+            let [x, y] = to_map(point).map(|v| (v / CELL_M).floor() as i32);
+            [x - self.first[0], y - self.first[1]]
+        });
+        Cells::of(cells)
     }
 
     /// Blocks of the largest size that cover the window at every heading, the most promising first.
-    fn roots(&self, rotated: &[Vec<[i32; 2]>], radius: i32, blocks_left: &mut usize) -> Option<Vec<Block>> {
+    fn roots(&self, rotated: &[Cells], radius: i32, blocks_left: &mut usize) -> Option<Vec<Block>> {
         let level = (0..TOP_LEVEL).find(|&level| 1 << level > 2 * radius).unwrap_or(TOP_LEVEL);
         let mut roots = Vec::new();
         let side = ((2 * radius as usize) >> level) + 1;
@@ -251,25 +278,31 @@ impl PlaceSearch {
         Some(roots)
     }
 
-    /// The best single offset that scores at least `least` and is wanted. `None` outside when the work would be too much.
+    /// The best single offset that scores at least `least` and is wanted; those met on the way are noted.
+    /// `None` outside when the work would be too much.
     fn best(
         &self,
         roots: &[Block],
-        rotated: &[Vec<[i32; 2]>],
+        rotated: &[Cells],
         radius: i32,
         least: u32,
         is_wanted: impl Fn(&Block) -> bool,
-        blocks_left: &mut usize,
+        progress: &mut Progress,
     ) -> Option<Option<Block>> {
         let mut best: Option<Block> = None;
         let mut stack: Vec<Block> = Vec::new();
+        // The most promising come first.
         for root in roots {
+            if root.bound < best.as_ref().map_or(least, |best| best.bound + 1) {
+                break;
+            }
             stack.push(*root);
             while let Some(block) = stack.pop() {
                 if block.bound < best.as_ref().map_or(least, |best| best.bound + 1) || !is_wanted(&block) {
                     continue;
                 }
                 if block.level == 0 {
+                    progress.met.push(block);
                     best = Some(block);
                     continue;
                 }
@@ -282,7 +315,7 @@ impl PlaceSearch {
                     if offset[0] > radius || offset[1] > radius {
                         continue;
                     }
-                    *blocks_left = blocks_left.checked_sub(1)?;
+                    progress.blocks_left = progress.blocks_left.checked_sub(1)?;
                     if let Some(bound) = bounds.map(|bounds| bounds[child]).filter(|&bound| bound >= needed) {
                         stack.push(Block { level, offset, bound, ..block });
                     }
@@ -297,19 +330,53 @@ impl PlaceSearch {
     /// What the points score at most at any offset of the block that begins at `offset`, of the one to its right, and
     /// of the two above these, if any of the four is at least `needed`; given up once that is out of reach.
     #[inline]
-    fn bounds(&self, needed: u32, cells: &[[i32; 2]], level: usize, offset: [i32; 2]) -> Option<[u32; 4]> {
-        let grid = &self.levels[level];
-        let (mut sums, mut left) = ([0; 4], cells.len() as u32);
-        for part in cells.chunks(PART) {
-            let quads = part.iter().map(|[x, y]| grid.at((x + offset[0]) >> level, (y + offset[1]) >> level));
-            let quad: Quad = quads.sum();
-            sums.iter_mut().zip(quad.to_le_bytes()).for_each(|(sum, value)| *sum += u32::from(value));
-            left -= part.len() as u32;
-            if sums.into_iter().fold(0, u32::max) + left * u32::from(ON_SURFACE) < needed {
-                return None;
-            }
+    fn bounds(&self, needed: u32, cells: &Cells, level: usize, offset: [i32; 2]) -> Option<[u32; 4]> {
+        bounds_on(&self.levels[level], needed, cells, level, offset)
+    }
+}
+
+/// What [`PlaceSearch::bounds`] says, on the grid of the level.
+// Plain loops: closures that are handed on do not have the wider units' instructions.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
+fn bounds_on(grid: &Quads, needed: u32, cells: &Cells, level: usize, offset: [i32; 2]) -> Option<[u32; 4]> {
+    let (mut sums, mut left) = ([0; 4], cells.count);
+    for (x, y) in cells.x.iter().zip(&cells.y) {
+        let mut places = [0; PART];
+        for point in 0..PART {
+            places[point] = grid.place_of((x[point] + offset[0]) >> level, (y[point] + offset[1]) >> level);
         }
-        Some(sums)
+        let mut quad: Quad = 0;
+        for place in places {
+            quad += grid.quads[place as usize];
+        }
+        for (sum, value) in sums.iter_mut().zip(quad.to_le_bytes()) {
+            *sum += u32::from(value);
+        }
+        left = left.saturating_sub(PART as u32);
+        if sums[0].max(sums[1]).max(sums[2]).max(sums[3]) + left * u32::from(ON_SURFACE) < needed {
+            return None;
+        }
+    }
+    Some(sums)
+}
+
+/// Cells of points, by coordinate and in parts of so many, so that loops over them vectorise.
+struct Cells {
+    x: Vec<[i32; PART]>,
+    y: Vec<[i32; PART]>,
+    count: u32,
+}
+
+impl Cells {
+    fn of(cells: impl ExactSizeIterator<Item = [i32; 2]>) -> Self {
+        let count = cells.len();
+        // What the last part is filled up with lies outside of all grids.
+        let parts = || vec![[i32::MIN / 2; PART]; count.div_ceil(PART)];
+        let (mut x, mut y) = (parts(), parts());
+        for (index, cell) in cells.enumerate() {
+            [x[index / PART][index % PART], y[index / PART][index % PART]] = cell;
+        }
+        Self { x, y, count: count as u32 }
     }
 }
 
@@ -347,6 +414,7 @@ mod tests {
     fn query(distance_m: f64, angle_rad: f64) -> PlaceQuery {
         PlaceQuery {
             window: SearchWindow { distance_m, angle_rad },
+            likely: None,
             min_score: 0.1,
             margin: 1.0,
             most: 1,
@@ -376,6 +444,24 @@ mod tests {
                 .unwrap();
             let score = f64::from(best) / (f64::from(ON_SURFACE) * points.len() as f64);
             prop_assert_eq!(found.first().map_or(0.0, |place| place.score), if score >= 0.1 { score } else { 0.0 });
+        }
+
+        /// What is known beforehand only spares work.
+        #[test]
+        fn a_likely_pose_changes_nothing_but_the_work(
+            map in prop::collection::vec((-3.0..3.0_f32, -3.0..3.0_f32), 5..60),
+            there in (-0.9..0.9_f64, -0.9..0.9_f64, -0.3..0.3_f64),
+            likely in (-1.5..1.5_f64, -1.5..1.5_f64, -0.6..0.6_f64),
+        ) {
+            let map = scan_of(&map);
+            let scan = map.seen_from(&Pose2::new(there.0, there.1, there.2));
+            let search = PlaceSearch::new(&map);
+            let many = PlaceQuery { most: 4, margin: 0.2, ..query(1.2, 0.4) };
+            let found = search.find(&scan, &Pose2::IDENTITY, &many).unwrap();
+            for pose in [Pose2::new(likely.0, likely.1, likely.2), Pose2::new(there.0, there.1, there.2)] {
+                let sooner = search.find(&scan, &Pose2::IDENTITY, &PlaceQuery { likely: Some(pose), ..many }).unwrap();
+                prop_assert_eq!(&sooner, &found);
+            }
         }
     }
 

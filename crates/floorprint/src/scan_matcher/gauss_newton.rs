@@ -8,6 +8,7 @@ use super::MatcherConfig;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::map::Cell;
 use crate::surface::{SurfaceFinder, SurfaceMap, SurfaceScan};
+use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
 /// A Gaussian belief about a pose: the mean, and the information matrix over (x, y, θ) in the
@@ -66,8 +67,9 @@ pub fn match_scan_against(
     let mut pose = prior.pose;
     let mut last = Linearisation::default();
     let mut gate = config.wide_gate_sigmas;
+    let mut nearest = Nearest::on(map, scan);
     for _ in 0..config.iterations {
-        last = linearise(map, scan, &pose, gate, config).without_hearsay(config);
+        last = linearise(&mut nearest, scan, &pose, gate, config).without_hearsay(config);
         let prior_information = prior.information / (1.0 + (prior.sigmas_to(&pose) / trusted_sigmas).powi(2));
         let information = last.information + prior_information;
         let gradient = last.gradient + prior_information * prior.offset(&pose);
@@ -93,20 +95,21 @@ pub fn match_scan_against(
 /// Share of a scan's points that lie on surfaces of a map at a pose.
 #[must_use]
 pub fn inlier_share(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: &MatcherConfig) -> f64 {
-    linearise(map, scan, pose, config.gate_sigmas, config).inliers / scan.len().max(1) as f64
+    linearise(&mut Nearest::on(map, scan), scan, pose, config.gate_sigmas, config).inliers / scan.len().max(1) as f64
 }
 
 /// The points of a scan that lie on no surface of a map at a pose.
 #[must_use]
 pub fn outliers(map: &SurfaceMap, scan: &SurfaceScan, pose: &Pose2, config: &MatcherConfig) -> SurfaceScan {
     let weights = Weights::new(config.gate_sigmas, config);
-    let mut finder = map.finder();
-    let of_block = |block: Block| {
+    let Nearest { mut finder, inverse_resolution, mut found } = Nearest::on(map, scan);
+    let of_block = |(block, found): (Block, &mut Found)| {
         let mut sums = Sums::default();
-        sums.add(&mut finder, map.inverse_resolution() as f32, &block, pose, &weights);
+        found.update(&mut finder, inverse_resolution, &block, pose);
+        sums.add(found, &block, pose, &weights);
         sums.inliers.into_iter().take(block.count).map(|inliers| inliers == 0.0)
     };
-    scan.selected(blocks(scan).flat_map(of_block))
+    scan.selected(blocks(scan).zip(&mut found).flat_map(of_block))
 }
 
 /// The normal equations at a pose.
@@ -188,8 +191,9 @@ struct Sums {
     log_likelihood: Lanes,
 }
 
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
 fn linearise(
-    map: &SurfaceMap,
+    nearest: &mut Nearest<'_>,
     scan: &SurfaceScan,
     pose: &Pose2,
     gate_sigmas: f64,
@@ -197,9 +201,10 @@ fn linearise(
 ) -> Linearisation {
     let weights = Weights::new(gate_sigmas, config);
     let mut sums = Sums::default();
-    let (mut finder, inverse_resolution) = (map.finder(), map.inverse_resolution() as f32);
-    for block in blocks(scan) {
-        sums.add(&mut finder, inverse_resolution, &block, pose, &weights);
+    let Nearest { finder, inverse_resolution, found } = nearest;
+    for (block, found) in blocks(scan).zip(found) {
+        found.update(finder, *inverse_resolution, &block, pose);
+        sums.add(found, &block, pose, &weights);
     }
     let total = |lanes: Lanes| lanes.iter().map(|&lane| f64::from(lane)).sum::<f64>();
     let [xx, xy, xt, yy, yt, tt] = [sums.xx, sums.xy, sums.xt, sums.yy, sums.yt, sums.tt].map(total);
@@ -251,35 +256,21 @@ impl Weights {
 }
 
 impl Sums {
-    /// Adds what a block of points says at a pose.
+    /// Adds what a block of points says at a pose, given the surfaces nearest to them.
     #[inline(always)] // What depends on the pose alone is then computed once for all blocks.
-    fn add(
-        &mut self,
-        finder: &mut SurfaceFinder<'_>,
-        inverse_resolution: f32,
-        block: &Block,
-        pose: &Pose2,
-        weights: &Weights,
-    ) {
+    fn add(&mut self, found: &Found, block: &Block, pose: &Pose2, weights: &Weights) {
         let (sin, cos) = pose.theta.sin_cos();
         let (sin, cos) = (sin as f32, cos as f32);
         let (pose_x, pose_y) = (pose.x as f32, pose.y as f32);
-        let zero: Lanes = [0.0; LANES];
-        let (mut rx, mut ry, mut cell_x, mut cell_y) = (zero, zero, [0; LANES], [0; LANES]);
+        let Found { mean_x, mean_y, normal_x: nx, normal_y: ny, flatness, is_there, .. } = found;
         for lane in 0..LANES {
-            rx[lane] = cos * block.x_m[lane] - sin * block.y_m[lane];
-            ry[lane] = sin * block.x_m[lane] + cos * block.y_m[lane];
-            cell_x[lane] = floor((pose_x + rx[lane]) * inverse_resolution);
-            cell_y[lane] = floor((pose_y + ry[lane]) * inverse_resolution);
-        }
-        let Found { mean_x, mean_y, normal_x: nx, normal_y: ny, flatness, is_there: found } =
-            Found::near(finder, &cell_x, &cell_y, block.count);
-        for lane in 0..LANES {
-            let (rx, ry, nx, ny, flatness) = (rx[lane], ry[lane], nx[lane], ny[lane], flatness[lane]);
+            let (nx, ny, flatness) = (nx[lane], ny[lane], flatness[lane]);
+            let rx = cos * block.x_m[lane] - sin * block.y_m[lane];
+            let ry = sin * block.x_m[lane] + cos * block.y_m[lane];
             let (scan_nx, scan_ny) = (block.normal_x[lane], block.normal_y[lane]);
             // Both sides of a thin wall are surfaces; a point belongs to the one that faces the robot.
             let facing = (cos * scan_nx - sin * scan_ny) * nx + (sin * scan_nx + cos * scan_ny) * ny;
-            let used = if found[lane] && facing * flatness >= -0.2 { 1.0 } else { 0.0 };
+            let used = if is_there[lane] != 0.0 && facing * flatness >= -0.2 { 1.0 } else { 0.0 };
             let (dx, dy) = (pose_x + rx - mean_x[lane], pose_y + ry - mean_y[lane]);
             let (across, along) = (nx * dx + ny * dy, nx * dy - ny * dx);
             let weight_along = (1.0 - flatness) * weights.rough;
@@ -309,30 +300,85 @@ impl Sums {
     }
 }
 
-/// The surfaces nearest to a block's points.
-#[derive(Default)]
+/// The surfaces nearest to the points of a scan. From one pose to the next most points stay in their cell, so that
+/// what was found is kept: only those that have moved on to another are looked up again.
+struct Nearest<'a> {
+    finder: SurfaceFinder<'a>,
+    inverse_resolution: f32,
+    /// Block by block.
+    found: Vec<Found>,
+}
+
+impl<'a> Nearest<'a> {
+    fn on(map: &'a SurfaceMap, scan: &SurfaceScan) -> Self {
+        let found = vec![Found::NOTHING; scan.len().div_ceil(LANES)];
+        Self { finder: map.finder(), inverse_resolution: map.inverse_resolution() as f32, found }
+    }
+}
+
+/// The surfaces nearest to a block's points, and the cells in which these were when they were looked up.
+#[derive(Clone)]
 struct Found {
+    cell_x: [i32; LANES],
+    cell_y: [i32; LANES],
     mean_x: Lanes,
     mean_y: Lanes,
     normal_x: Lanes,
     normal_y: Lanes,
     flatness: Lanes,
-    is_there: [bool; LANES],
+    /// 1 where there is one, else 0.
+    is_there: Lanes,
 }
 
 impl Found {
+    /// So far away there is nothing.
+    const NOTHING: Self = Self {
+        cell_x: [i32::MIN; LANES],
+        cell_y: [i32::MIN; LANES],
+        mean_x: [0.0; LANES],
+        mean_y: [0.0; LANES],
+        normal_x: [0.0; LANES],
+        normal_y: [0.0; LANES],
+        flatness: [0.0; LANES],
+        is_there: [0.0; LANES],
+    };
+
+    /// Looks up the points that are in another cell than before.
+    #[inline(always)]
+    fn update(&mut self, finder: &mut SurfaceFinder<'_>, inverse_resolution: f32, block: &Block, pose: &Pose2) {
+        let (sin, cos) = pose.theta.sin_cos();
+        let (sin, cos) = (sin as f32, cos as f32);
+        let (pose_x, pose_y) = (pose.x as f32, pose.y as f32);
+        let (mut cell_x, mut cell_y) = ([0; LANES], [0; LANES]);
+        let mut moved = 0;
+        for lane in 0..LANES {
+            let rx = cos * block.x_m[lane] - sin * block.y_m[lane];
+            let ry = sin * block.x_m[lane] + cos * block.y_m[lane];
+            cell_x[lane] = floor((pose_x + rx) * inverse_resolution);
+            cell_y[lane] = floor((pose_y + ry) * inverse_resolution);
+            moved |= (cell_x[lane] ^ self.cell_x[lane]) | (cell_y[lane] ^ self.cell_y[lane]);
+        }
+        if moved != 0 {
+            self.look_up(finder, &cell_x, &cell_y, block.count);
+        }
+    }
+
     #[inline(never)] // The registers are all needed here.
-    fn near(finder: &mut SurfaceFinder<'_>, cell_x: &[i32; LANES], cell_y: &[i32; LANES], count: usize) -> Self {
-        let mut found = Self::default();
-        for lane in 0..count.min(LANES) {
-            if let Some(surface) = finder.nearest_to_cell(Cell { x: cell_x[lane], y: cell_y[lane] }) {
-                [found.mean_x[lane], found.mean_y[lane]] = surface.mean_m;
-                [found.normal_x[lane], found.normal_y[lane]] = surface.normal;
-                found.flatness[lane] = surface.flatness;
-                found.is_there[lane] = true;
+    fn look_up(&mut self, finder: &mut SurfaceFinder<'_>, cell_x: &[i32; LANES], cell_y: &[i32; LANES], count: usize) {
+        for lane in 0..LANES {
+            let cell = Cell { x: cell_x[lane], y: cell_y[lane] };
+            if (cell.x, cell.y) == (self.cell_x[lane], self.cell_y[lane]) {
+                continue;
+            }
+            (self.cell_x[lane], self.cell_y[lane]) = (cell.x, cell.y);
+            self.is_there[lane] = 0.0;
+            if let Some(surface) = finder.nearest_to_cell(cell).filter(|_| lane < count) {
+                [self.mean_x[lane], self.mean_y[lane]] = surface.mean_m;
+                [self.normal_x[lane], self.normal_y[lane]] = surface.normal;
+                self.flatness[lane] = surface.flatness;
+                self.is_there[lane] = 1.0;
             }
         }
-        found
     }
 }
 
@@ -352,3 +398,34 @@ const NEAR_STEP_RAD: f64 = 0.005;
 const OUTLIER: f32 = OUTLIER_LOG_LIKELIHOOD as f32;
 /// What a point that lies on nothing known adds to the log-likelihood.
 pub const OUTLIER_LOG_LIKELIHOOD: f64 = -4.5;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan_matcher::synthetic::Walls;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// What was found at one pose serves the next, but where a point has moved on to another cell.
+        #[test]
+        fn surfaces_found_before_are_those_that_would_be_found_now(
+            steps in prop::collection::vec((-0.06..0.06_f64, -0.06..0.06_f64, -0.02..0.02_f64), 1..6)
+        ) {
+            let config = MatcherConfig::default();
+            let walls = Walls::room();
+            let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 213), &config.thinning());
+            let mut map = SurfaceMap::new(config.cell_m);
+            map.add_scan(&Pose2::IDENTITY, &scan);
+            let mut nearest = Nearest::on(&map, &scan);
+            let mut pose = Pose2::IDENTITY;
+            for (x, y, theta) in steps {
+                pose = pose.compose(&Pose2::new(x, y, theta));
+                let [kept, anew] =
+                    [&mut nearest, &mut Nearest::on(&map, &scan)].map(|nearest| linearise(nearest, &scan, &pose, 2.0, &config));
+                prop_assert_eq!(kept.information, anew.information);
+                prop_assert_eq!(kept.gradient, anew.gradient);
+                prop_assert_eq!((kept.inliers, kept.log_likelihood), (anew.inliers, anew.log_likelihood));
+            }
+        }
+    }
+}

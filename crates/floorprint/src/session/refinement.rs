@@ -35,6 +35,8 @@ pub(super) struct Refinement<'a> {
     limits: Limits,
     /// The surfaces of the first key scans.
     kept: Vec<SurfaceScan>,
+    /// The map that was made last, where there is but one.
+    map: Option<SurfaceMap>,
 }
 
 /// What keeps the memory bounded that this takes; nothing of it changes the results.
@@ -46,12 +48,15 @@ struct Limits {
     region_m: f64,
 }
 
+/// A scan that is fitted: where it is, world from body, and how far it sees, metres.
+type Fitted = (Pose2, f64);
+
 /// Scans that are fitted to one map.
 struct Region {
     /// The key scans that the map is made of, as far as these see.
     seen: Vec<usize>,
-    key_scans: Vec<usize>,
-    between: Vec<usize>,
+    /// Those that are fitted.
+    fitted: Vec<usize>,
 }
 
 impl<'a> Refinement<'a> {
@@ -66,27 +71,27 @@ impl<'a> Refinement<'a> {
     }
 
     fn within(scans: &'a [StoredScan], matcher: &'a MatcherConfig, limits: Limits) -> Self {
-        let mut refinement = Self { scans, matcher, thinning: matcher.thinning(), limits, kept: Vec::new() };
+        let mut refinement = Self { scans, matcher, thinning: matcher.thinning(), limits, kept: Vec::new(), map: None };
         let mut bytes = 0;
         for some in scans.chunks(limits.scans_at_once) {
             if bytes > limits.kept_bytes {
                 break;
             }
-            let surfaces: Vec<SurfaceScan> = some.par_iter().map(|scan| refinement.surfaces(&scan.points)).collect();
+            let surfaces: Vec<SurfaceScan> = some.par_iter().map(|scan| refinement.of(scan)).collect();
             bytes += surfaces.iter().map(|scan| scan.len() * size_of::<[f32; 4]>()).sum::<usize>();
             refinement.kept.extend(surfaces);
         }
         refinement
     }
 
-    fn surfaces(&self, points: &CompactScan) -> SurfaceScan {
-        SurfaceScan::new(&points.unpack(), &self.thinning)
+    fn of(&self, scan: &StoredScan) -> SurfaceScan {
+        SurfaceScan::new(&scan.points.unpack(), &self.thinning)
     }
 
     fn of_key_scan(&self, number: usize) -> Cow<'_, SurfaceScan> {
         match self.kept.get(number) {
             Some(kept) => Cow::Borrowed(kept),
-            None => Cow::Owned(self.surfaces(&self.scans[number].points)),
+            None => Cow::Owned(self.of(&self.scans[number])),
         }
     }
 
@@ -100,56 +105,85 @@ impl<'a> Refinement<'a> {
         map
     }
 
-    /// The poses at which each key scan fits the map of all of them best, near where it is; and those of scans between
-    /// them, which have no say in the map. All poses are world from body.
+    /// The poses at which each key scan fits the map of all of them best, near where it is; world from body.
     #[must_use]
-    pub(super) fn fitted(&self, poses: &[Pose2], between: &[(&CompactScan, Pose2)]) -> (Vec<Pose2>, Vec<Pose2>) {
-        let (mut of_key_scans, mut of_between) =
-            (poses.to_vec(), between.iter().map(|(_, pose)| *pose).collect::<Vec<_>>());
-        for Region { seen, key_scans, between: these } in self.regions(poses, between) {
-            let map = self.map_of(&seen, poses);
-            let fit = |scan: &SurfaceScan, pose: &Pose2| fitted(&map, scan, pose, self.matcher);
-            let found: Vec<Pose2> =
-                key_scans.par_iter().map(|&number| fit(&self.of_key_scan(number), &poses[number])).collect();
-            key_scans.iter().zip(found).for_each(|(&number, pose)| of_key_scans[number] = pose);
-            let found: Vec<Pose2> =
-                these.par_iter().map(|&number| fit(&self.surfaces(between[number].0), &between[number].1)).collect();
-            these.iter().zip(found).for_each(|(&number, pose)| of_between[number] = pose);
+    pub(super) fn fitted(&mut self, poses: &[Pose2]) -> Vec<Pose2> {
+        self.map = None;
+        let fitted = |(scan, pose): (&StoredScan, &Pose2)| (*pose, self.reach_m(&scan.points));
+        let fitted: Vec<Fitted> = self.scans.par_iter().zip(poses).map(fitted).collect();
+        let (fitted, map) = self.each_fitted(poses, &fitted, |number| self.of_key_scan(number));
+        self.map = map;
+        fitted
+    }
+
+    /// Those of scans that have no say in the map, of which half of the points will do, to the map that the key scans made
+    /// at their `poses` when these were [`fitted`](Self::fitted) last.
+    #[must_use]
+    pub(super) fn fitted_between(&self, poses: &[Pose2], between: &[(&CompactScan, Pose2)]) -> Vec<Pose2> {
+        let halved = self.thinning.halved();
+        let fitted = between.par_iter().map(|(points, pose)| (*pose, self.reach_m(points)));
+        let fitted: Vec<Fitted> = fitted.collect();
+        // They are many: their surfaces are made one by one.
+        let surfaces = |number: usize| Cow::Owned(SurfaceScan::new(&between[number].0.unpack(), &halved));
+        self.each_fitted(poses, &fitted, surfaces).0
+    }
+
+    /// Fits each scan to the map of the key scans; gives that, too, if it was made in one piece.
+    fn each_fitted<'s>(
+        &self,
+        poses: &[Pose2],
+        scans: &[Fitted],
+        surfaces: impl Fn(usize) -> Cow<'s, SurfaceScan> + Sync,
+    ) -> (Vec<Pose2>, Option<SurfaceMap>) {
+        let fit = |map: &SurfaceMap, number: usize| fitted(map, &surfaces(number), &scans[number].0, self.matcher);
+        if self.is_one_map() {
+            let made = self.map.is_none().then(|| self.map_of(&(0..poses.len()).collect::<Vec<_>>(), poses));
+            let found = match made.as_ref().or(self.map.as_ref()) {
+                Some(map) => (0..scans.len()).into_par_iter().map(|number| fit(map, number)).collect(),
+                None => Vec::new(),
+            };
+            return (found, made);
         }
-        (of_key_scans, of_between)
+        let mut all: Vec<Pose2> = scans.iter().map(|(pose, _)| *pose).collect();
+        for region in self.regions(poses, scans) {
+            let map = self.map_of(&region.seen, poses);
+            let found: Vec<Pose2> = region.fitted.par_iter().map(|&number| fit(&map, number)).collect();
+            region.fitted.iter().zip(found).for_each(|(&number, pose)| all[number] = pose);
+        }
+        (all, None)
+    }
+
+    fn is_one_map(&self) -> bool {
+        self.scans.len() <= self.limits.scans_of_one_map
+    }
+
+    /// How far a scan sees, where that is asked for.
+    fn reach_m(&self, points: &CompactScan) -> f64 {
+        if self.is_one_map() { f64::INFINITY } else { points.unpack().reach_m() }
     }
 
     /// Which scans are fitted to one map: those in a square, so that the map of a long drive is never there in one piece.
-    fn regions(&self, poses: &[Pose2], between: &[(&CompactScan, Pose2)]) -> Vec<Region> {
-        if poses.len() <= self.limits.scans_of_one_map {
-            let all: Vec<usize> = (0..poses.len()).collect();
-            return vec![Region { seen: all.clone(), key_scans: all, between: (0..between.len()).collect() }];
-        }
+    fn regions(&self, poses: &[Pose2], scans: &[Fitted]) -> Vec<Region> {
         let side_m = self.limits.region_m;
-        let mut regions: BTreeMap<[i64; 2], [Vec<usize>; 2]> = BTreeMap::new();
-        let square = |pose: &Pose2| [pose.x, pose.y].map(|coordinate| (coordinate / side_m).floor() as i64);
-        for (number, pose) in poses.iter().enumerate() {
-            regions.entry(square(pose)).or_default()[0].push(number);
+        let mut squares: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+        for (number, (pose, _)) in scans.iter().enumerate() {
+            let square = [pose.x, pose.y].map(|coordinate| (coordinate / side_m).floor() as i64);
+            squares.entry(square).or_default().push(number);
         }
-        for (number, (_, pose)) in between.iter().enumerate() {
-            regions.entry(square(pose)).or_default()[1].push(number);
-        }
-        let reach_m: Vec<f64> = self.scans.par_iter().map(|scan| scan.points.unpack().reach_m()).collect();
-        let of_between = |&number: &usize| between[number].0.unpack().reach_m();
-        let region = |([column, row], [key_scans, between]): ([i64; 2], [Vec<usize>; 2])| {
-            let reaches_m = key_scans.iter().map(|&number| reach_m[number]).chain(between.iter().map(of_between));
-            let looked_at_m = reaches_m.fold(0.0, f64::max) + FARTHEST_MOVE_M;
+        let reaches_m: Vec<f64> = self.scans.par_iter().map(|scan| self.reach_m(&scan.points)).collect();
+        let region = |([column, row], fitted): ([i64; 2], Vec<usize>)| {
+            let looked_at_m = fitted.iter().map(|&number| scans[number].1).fold(0.0, f64::max) + FARTHEST_MOVE_M;
             let away_m = |coordinate: f64, number: i64| {
                 let low_m = number as f64 * side_m;
                 (low_m - coordinate).max(coordinate - low_m - side_m).max(0.0)
             };
-            let is_seen = |number: &usize| {
-                let pose = &poses[*number];
-                away_m(pose.x, column).hypot(away_m(pose.y, row)) < looked_at_m + reach_m[*number]
+            let is_seen = |&number: &usize| {
+                let pose = &poses[number];
+                away_m(pose.x, column).hypot(away_m(pose.y, row)) < looked_at_m + reaches_m[number]
             };
-            Region { seen: (0..poses.len()).filter(is_seen).collect(), key_scans, between }
+            Region { seen: (0..poses.len()).filter(is_seen).collect(), fitted }
         };
-        regions.into_iter().map(region).collect()
+        squares.into_iter().map(region).collect()
     }
 }
 
@@ -185,8 +219,8 @@ mod tests {
     fn every_scan_is_fitted_to_the_map_of_all() {
         let truth = poses_along(&[[-1.0, -0.5], [1.0, -0.5], [1.0, 1.0]], 0.1);
         let (last, matcher) = (truth.len() - 1, MatcherConfig::default());
-        let mut scans = stored(&truth);
-        let refinement = Refinement::new(&scans, &matcher);
+        let scans = stored(&truth);
+        let mut refinement = Refinement::new(&scans, &matcher);
         let map = refinement.map_of(&(0..scans.len()).collect::<Vec<_>>(), &truth);
         let off = moved(&truth);
         for (scan, (truth, off)) in refinement.kept.iter().zip(truth.iter().zip(&off)) {
@@ -197,14 +231,15 @@ mod tests {
         assert_eq!(fitted(&map, &other, &off[last], &matcher), off[last]);
         // They are fitted to the map that they make where they are, and so is what was seen between them.
         let between = [(&scans[3].points, off[4])];
-        let (of_key_scans, of_between) = refinement.fitted(&off, &between);
+        let of_key_scans = refinement.fitted(&off);
+        let of_between = refinement.fitted_between(&off, &between);
         let map = refinement.map_of(&(0..scans.len()).collect::<Vec<_>>(), &off);
         let fits = refinement.kept.iter().zip(&off).map(|(scan, pose)| fitted(&map, scan, pose, &matcher));
         assert_eq!(of_key_scans, fits.collect::<Vec<_>>());
         assert_ne!(of_key_scans, off);
-        assert_eq!(of_between[0], fitted(&map, &refinement.kept[3], &off[4], &matcher));
-        scans.clear();
-        assert!(Refinement::new(&scans, &matcher).fitted(&[], &[]).0.is_empty());
+        let half = SurfaceScan::new(&scans[3].points.unpack(), &matcher.thinning().halved());
+        assert_eq!(of_between, [fitted(&map, &half, &off[4], &matcher)]);
+        assert!(Refinement::new(&[], &matcher).fitted(&[]).is_empty());
     }
 
     #[test]
@@ -215,12 +250,14 @@ mod tests {
         truth.extend(truth.clone().iter().map(|pose| Pose2::new(pose.x + 40.0, pose.y, pose.theta)));
         let off = moved(&truth);
         let between = [(&scans[3].points, off[4]), (&scans[5].points, off[off.len() - 4])];
-        let all = Refinement::new(&scans, &matcher);
+        let mut all = Refinement::new(&scans, &matcher);
         let limits = Limits { kept_bytes: 30_000, scans_at_once: 3, scans_of_one_map: 5, region_m: 1.5 };
-        let few = Refinement::within(&scans, &matcher, limits);
+        let mut few = Refinement::within(&scans, &matcher, limits);
         assert!(few.kept.len() < scans.len() / 2 && all.kept.len() == scans.len());
-        let regions = few.regions(&off, &between);
+        let fitted: Vec<Fitted> = off.iter().map(|pose| (*pose, 3.0)).collect();
+        let regions = few.regions(&off, &fitted);
         assert!(regions.len() > 3 && regions.iter().all(|region| region.seen.len() < scans.len()));
-        assert_eq!(few.fitted(&off, &between), all.fitted(&off, &between));
+        assert_eq!(few.fitted(&off), all.fitted(&off));
+        assert_eq!(few.fitted_between(&off, &between), all.fitted_between(&off, &between));
     }
 }

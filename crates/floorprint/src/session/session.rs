@@ -101,6 +101,14 @@ struct Finished {
     refined: Vec<(usize, Pose2)>,
 }
 
+impl Finished {
+    /// Adds poses that were fitted to all scans, with their frames.
+    fn add_refined(&mut self, refined: impl Iterator<Item = (usize, Pose2)>) {
+        self.refined.extend(refined);
+        self.refined.sort_by_key(|&(frame, _)| frame);
+    }
+}
+
 /// What is stored of a session beside the frames' poses and the key scans, which only grow.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SessionState {
@@ -513,7 +521,7 @@ impl Session {
         renderer.into_grid()
     }
 
-    /// Ends the drive: the last loops are closed, and all key scans are fitted to each other, so many times.
+    /// Ends the drive: the last loops are closed, and all scans are fitted to each other, so many times.
     pub(crate) fn finish(&mut self, back_end: BackEnd, refinements: usize, matcher: &MatcherConfig) {
         let Some(places) = &self.places else { return };
         let mut places = places.clone();
@@ -525,21 +533,25 @@ impl Session {
             return;
         }
         let poses = self.corrected_poses();
-        let of_frame = |frame: usize| poses[frame].pose;
-        let refinement = Refinement::new(&self.scans, matcher);
-        let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| of_frame(scan.frame)).collect();
+        let mut refinement = Refinement::new(&self.scans, matcher);
+        let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame].pose).collect();
         for _ in 1..refinements {
-            of_key_scans = refinement.fitted(&of_key_scans, &[]).0;
+            of_key_scans = refinement.fitted(&of_key_scans);
         }
+        let of_map = of_key_scans;
+        let of_key_scans = refinement.fitted(&of_map);
+        let frames = self.scans.iter().map(|scan| scan.frame);
+        self.finished
+            .iter_mut()
+            .for_each(|finished| finished.add_refined(frames.clone().zip(of_key_scans.iter().copied())));
+        // Moved along with the key scans around them the others nearly fit, so that half of their points will do.
+        let poses = self.corrected_poses();
         let between: Vec<(&CompactScan, Pose2)> =
-            self.between.scans.iter().map(|(frame, points)| (points, of_frame(*frame))).collect();
-        let (of_key_scans, of_between) = refinement.fitted(&of_key_scans, &between);
-        let key_frames = self.scans.iter().map(|scan| scan.frame).zip(of_key_scans);
-        let of_between = self.between.scans.iter().map(|(frame, _)| *frame).zip(of_between);
-        let mut refined: Vec<(usize, Pose2)> = key_frames.chain(of_between).collect();
-        refined.sort_by_key(|&(frame, _)| frame);
-        if let Some(finished) = &mut self.finished {
-            finished.refined = refined;
-        }
+            self.between.scans.iter().map(|(frame, points)| (points, poses[*frame].pose)).collect();
+        let of_between = refinement.fitted_between(&of_map, &between);
+        let frames = self.between.scans.iter().map(|(frame, _)| *frame);
+        self.finished
+            .iter_mut()
+            .for_each(|finished| finished.add_refined(frames.clone().zip(of_between.iter().copied())));
     }
 }

@@ -31,13 +31,13 @@ impl Horizon {
             *sector = sector.min(range as f32);
         }
         // A sector between two rays saw at least as far as the nearer of them.
+        let behind = last_seen(&seen, |sector| sector);
+        let ahead = last_seen(&seen, |sector| SECTORS - 1 - sector);
         let mut range_m = [0.0; SECTORS];
         for (sector, range) in range_m.iter_mut().enumerate() {
-            let ahead = (0..=LARGEST_GAP).map(|gap| seen[(sector + gap) % SECTORS]).find(|range| range.is_finite());
-            let behind =
-                (0..=LARGEST_GAP).map(|gap| seen[(sector + SECTORS - gap) % SECTORS]).find(|range| range.is_finite());
-            if let (Some(ahead), Some(behind)) = (ahead, behind) {
-                *range = ahead.min(behind);
+            let nearer = behind[sector].min(ahead[SECTORS - 1 - sector]);
+            if behind[sector].max(ahead[SECTORS - 1 - sector]).is_finite() {
+                *range = nearer;
             }
         }
         Self { origin_m, range_m: Arc::new(range_m), farthest_m }
@@ -105,6 +105,26 @@ impl Horizon {
     }
 }
 
+/// For each sector, in the order in which `nth` goes round, the range of the last one that saw something, at most
+/// [`LARGEST_GAP`] before it; infinite where there is none.
+fn last_seen(seen: &[f32; SECTORS], nth: impl Fn(usize) -> usize) -> [f32; SECTORS] {
+    let mut result = [f32::INFINITY; SECTORS];
+    let (mut range, mut gap) = (f32::INFINITY, 0);
+    // What the first ones follow comes last.
+    for step in SECTORS - LARGEST_GAP..2 * SECTORS {
+        let here = seen[nth(step % SECTORS)];
+        if here.is_finite() {
+            (range, gap) = (here, 0);
+        } else {
+            gap += 1;
+        }
+        if step >= SECTORS && gap <= LARGEST_GAP {
+            result[step - SECTORS] = range;
+        }
+    }
+    result
+}
+
 /// The sector of a direction. Sectors are equal steps of the "diamond angle" |y| / (|x| + |y|):
 /// as good as equal angles for telling directions apart, and without a trigonometric function.
 fn sector_of(dx: f32, dy: f32) -> usize {
@@ -119,6 +139,7 @@ fn sector_of(dx: f32, dy: f32) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn a_scan_reaches_what_lies_before_its_ends_and_nothing_where_it_has_no_rays() {
@@ -130,5 +151,32 @@ mod tests {
         assert!((horizon.farthest_m() - 5.0).abs() < 1e-9);
         assert!(horizon.reaches([4.0, 3.0], 0.0) && horizon.reaches([6.1, 2.0], 0.2));
         assert!(!horizon.reaches([6.3, 2.0], 0.2) && !horizon.reaches([-1.0, 2.0], 0.2));
+    }
+
+    proptest! {
+        #[test]
+        fn a_sector_sees_as_far_as_the_nearer_of_the_rays_around_it(
+            rays in prop::collection::vec((0..SECTORS, 1.0..50.0_f32), 0..80)
+        ) {
+            let mut seen = [f32::INFINITY; SECTORS];
+            let mut ends = Vec::new();
+            for (sector, range) in rays {
+                // The middle of the sector.
+                let quarter_turns = (sector as f32 + 0.5) / (SECTORS / 4) as f32;
+                let along = if quarter_turns < 2.0 { quarter_turns - 1.0 } else { 3.0 - quarter_turns };
+                let across = if quarter_turns < 2.0 { 1.0 - along.abs() } else { along.abs() - 1.0 };
+                let end = [f64::from(range * across), f64::from(range * along)];
+                ends.push(end);
+                seen[sector] = seen[sector].min(end[0].hypot(end[1]) as f32);
+            }
+            let horizon = Horizon::new([0.0, 0.0], ends.into_iter());
+            let nearest = |begin: usize, step: usize| {
+                (0..=LARGEST_GAP).map(|gap| seen[(begin + step * gap) % SECTORS]).find(|range| range.is_finite())
+            };
+            for (sector, &range) in horizon.range_m.iter().enumerate() {
+                let around = nearest(sector, 1).zip(nearest(sector, SECTORS - 1));
+                prop_assert_eq!(range, around.map_or(0.0, |(ahead, behind)| ahead.min(behind)));
+            }
+        }
     }
 }

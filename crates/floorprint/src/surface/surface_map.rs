@@ -333,15 +333,11 @@ fn sees_through(horizon: &Horizon, surface: &Surface) -> bool {
 
 /// A scan's points (metres) and normals in the world.
 fn in_world(world_from_body: &Pose2, scan: &SurfaceScan) -> impl Iterator<Item = ([f64; 2], [f32; 2])> {
-    let Pose2 { x, y, theta } = *world_from_body;
-    let (sin, cos) = theta.sin_cos();
+    let (sin, cos) = world_from_body.theta.sin_cos();
+    let to_world = world_from_body.point_transform();
     scan.iter().map(move |(point, normal)| {
-        let [px, py] = point.map(f64::from);
         let [nx, ny] = normal.map(f64::from);
-        (
-            [x + cos * px - sin * py, y + sin * px + cos * py],
-            [(cos * nx - sin * ny) as f32, (sin * nx + cos * ny) as f32],
-        )
+        (to_world(point.map(f64::from)), [(cos * nx - sin * ny) as f32, (sin * nx + cos * ny) as f32])
     })
 }
 

@@ -4,6 +4,7 @@ use super::packing::{push_rows, take_array, take_columns};
 use super::{Horizon, Surface};
 use crate::frame::BodyScan;
 use crate::geometry::Pose2;
+use multiversion::multiversion;
 
 /// Neighbours within this distance along the scan share a normal, metres.
 const NEIGHBOURHOOD_M: f32 = 0.12;
@@ -27,6 +28,14 @@ pub struct Thinning {
 impl Default for Thinning {
     fn default() -> Self {
         Self { point_spacing_m: 0.03, max_points: 300 }
+    }
+}
+
+impl Thinning {
+    /// For half as many points.
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        Self { point_spacing_m: 2.0 * self.point_spacing_m, max_points: self.max_points.div_ceil(2) }
     }
 }
 
@@ -66,45 +75,7 @@ impl SurfaceScan {
     /// walls ahead and behind would seem turned, always the same way.
     #[must_use]
     pub fn new(scan: &BodyScan, thinning: &Thinning) -> Self {
-        let xs = &scan.hits.x_m;
-        let ys = &scan.hits.y_m;
-        let count = xs.len();
-        let sums = RunningSums::new(xs, ys);
-        let spacing = spacing_for(xs, ys, thinning);
-        let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
-        let mut result = Self::with_capacity(scan.origin_m, count.min(thinning.max_points));
-        let mut i = 0;
-        while i < count {
-            let (x, y) = (xs[i], ys[i]);
-            let range = length(x - origin_x, y - origin_y);
-            let reach =
-                NEIGHBOURHOOD_M.max(spacing).max(NEIGHBOURHOOD_SPACINGS * spacing_between_beams(xs, ys, i, range));
-            let within = |j: usize| {
-                let (dx, dy) = (xs[j] - x, ys[j] - y);
-                dx * dx + dy * dy <= reach * reach
-            };
-            let mut begin = i;
-            while begin > 0 && within(begin - 1) {
-                begin -= 1;
-            }
-            let mut end = i + 1;
-            while end < count && within(end) {
-                end += 1;
-            }
-            let towards = [origin_x - x, origin_y - y];
-            let normal = if end - begin >= 3 {
-                Some(sums.normal(begin, end, towards))
-            } else {
-                normal_of_far_wall(xs, ys, i, range, &sums, towards)
-            };
-            if let Some(normal) = normal {
-                result.push([x, y], normal);
-            }
-            let extent = length(xs[end - 1] - xs[begin], ys[end - 1] - ys[begin]);
-            let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as usize;
-            i = (i + step.max(1)).min(end);
-        }
-        result
+        surfaces_of(scan, thinning)
     }
 
     /// The surfaces of a map as if they had been seen from one place.
@@ -166,7 +137,8 @@ impl SurfaceScan {
     /// How far the scan saw, in the frame in which its origin has the pose `frame_from_scan`.
     #[must_use]
     pub fn horizon(&self, frame_from_scan: &Pose2) -> Horizon {
-        let ends = self.iter().map(|(point, _)| frame_from_scan.transform_point(point.map(f64::from)));
+        let to_frame = frame_from_scan.point_transform();
+        let ends = self.iter().map(|(point, _)| to_frame(point.map(f64::from)));
         Horizon::new(frame_from_scan.transform_point(self.origin_m), ends)
     }
 
@@ -174,10 +146,8 @@ impl SurfaceScan {
     #[must_use]
     pub fn in_view_of(&self, pose: &Pose2, other: &Self, other_pose: &Pose2) -> Self {
         let horizon = other.horizon(&Pose2::IDENTITY);
-        let other_from_self = other_pose.between(pose);
-        self.filtered(|point| {
-            horizon.reaches(other_from_self.transform_point(point.map(f64::from)).map(|v| v as f32), 0.0)
-        })
+        let to_other = other_pose.between(pose).point_transform();
+        self.filtered(|point| horizon.reaches(to_other(point.map(f64::from)).map(|v| v as f32), 0.0))
     }
 
     /// The points that are wanted, given their places (metres).
@@ -201,9 +171,10 @@ impl SurfaceScan {
     pub fn seen_from(&self, pose: &Pose2) -> Self {
         let inverse = pose.inverse();
         let (sin, cos) = (inverse.theta.sin() as f32, inverse.theta.cos() as f32);
-        let mut result = Self::with_capacity(inverse.transform_point(self.origin_m), self.len());
+        let transform = inverse.point_transform();
+        let mut result = Self::with_capacity(transform(self.origin_m), self.len());
         for (point, [nx, ny]) in self.iter() {
-            let moved = inverse.transform_point(point.map(f64::from)).map(|v| v as f32);
+            let moved = transform(point.map(f64::from)).map(|v| v as f32);
             result.push(moved, [cos * nx - sin * ny, sin * nx + cos * ny]);
         }
         result
@@ -228,36 +199,99 @@ impl SurfaceScan {
     }
 }
 
+/// The points of [`SurfaceScan::new`].
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
+fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
+    let xs = &scan.hits.x_m;
+    let ys = &scan.hits.y_m;
+    let count = xs.len();
+    let sums = RunningSums::new(xs, ys);
+    let steps = steps(xs, ys);
+    let spacing = spacing_for(&steps, thinning);
+    let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
+    let mut kept: Vec<Kept> = Vec::with_capacity(count);
+    let mut i = 0;
+    while i < count {
+        let (x, y) = (xs[i], ys[i]);
+        let range = length(x - origin_x, y - origin_y);
+        // To the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
+        let between_beams = steps[i].min(steps[i + 1]).min(0.05 * range);
+        let reach = NEIGHBOURHOOD_M.max(spacing).max(NEIGHBOURHOOD_SPACINGS * between_beams);
+        let within = |j: usize| {
+            let (dx, dy) = (xs[j] - x, ys[j] - y);
+            dx * dx + dy * dy <= reach * reach
+        };
+        let mut begin = i;
+        while begin > 0 && within(begin - 1) {
+            begin -= 1;
+        }
+        let mut end = i + 1;
+        while end < count && within(end) {
+            end += 1;
+        }
+        if end - begin >= 3 {
+            kept.push(Kept { point: i, begin, end });
+        } else {
+            kept.extend(far_wall(&steps, i, range, &sums));
+        }
+        let extent = length(xs[end - 1] - xs[begin], ys[end - 1] - ys[begin]);
+        let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as usize;
+        i = (i + step.max(1)).min(end);
+    }
+    let mut result = SurfaceScan::with_capacity(scan.origin_m, kept.len());
+    for kept in kept.chunks(LANES) {
+        let normals = sums.normals(kept, scan);
+        for (lane, kept) in kept.iter().enumerate() {
+            result.push([xs[kept.point], ys[kept.point]], [normals[0][lane], normals[1][lane]]);
+        }
+    }
+    result
+}
+
+/// A point that is kept, and the run of points from which its normal follows.
+#[derive(Clone, Copy)]
+struct Kept {
+    point: usize,
+    begin: usize,
+    end: usize,
+}
+
+/// Normals that are computed side by side.
+const LANES: usize = 8;
+
+/// The distance of each point from the one before it, and after the last one: infinite where there is none.
+fn steps(xs: &[f32], ys: &[f32]) -> Vec<f32> {
+    let mut steps = vec![f32::INFINITY; xs.len() + 1];
+    let before = xs.iter().zip(ys);
+    for ((step, (x, y)), (x_before, y_before)) in steps.iter_mut().skip(1).zip(before.clone().skip(1)).zip(before) {
+        *step = length(x - x_before, y - y_before);
+    }
+    steps
+}
+
 /// The distance between kept points that leaves about as many as asked for: `point_spacing_m`, or more in
 /// scans that see so much surface that there would be too many.
-fn spacing_for(xs: &[f32], ys: &[f32], thinning: &Thinning) -> f32 {
+fn spacing_for(steps: &[f32], thinning: &Thinning) -> f32 {
     let spacing_m = thinning.point_spacing_m as f32;
-    let steps = |i: usize| length(xs[i] - xs[i - 1], ys[i] - ys[i - 1]);
     // Steps longer than the spacing keep a point each, whatever their length.
-    let surface_m: f32 = (1..xs.len()).map(steps).filter(|step| *step < spacing_m).sum();
+    let surface_m: f32 = steps.iter().filter(|step| **step < spacing_m).sum();
     spacing_m.max(surface_m / thinning.max_points as f32)
 }
 
-/// The normal at a point that stands alone, where it lies on one line with the rays before and
-/// after it: a wall at a graze. Without a normal such points would be taken for objects; as the
-/// robot moves each lies a little farther along the wall, close to where the ray before it was, and so they
-/// would hold the robot back.
-fn normal_of_far_wall(
-    xs: &[f32],
-    ys: &[f32],
-    i: usize,
-    range: f32,
-    sums: &RunningSums,
-    towards: [f32; 2],
-) -> Option<[f32; 2]> {
-    let (begin, end) = (i.saturating_sub(WALL_RAYS), (i + WALL_RAYS + 1).min(xs.len()));
-    let step = |j: usize| length(xs[j] - xs[j - 1], ys[j] - ys[j - 1]);
-    let longest = (begin + 1..end).map(step).fold(0.0, f32::max);
+/// A point that stands alone, where it lies on one line with the rays before and after it: a wall at a graze.
+/// Without a normal such points would be taken for objects; as the robot moves each lies a little farther along the wall,
+/// close to where the ray before it was, and so they would hold the robot back.
+fn far_wall(steps: &[f32], point: usize, range: f32, sums: &RunningSums) -> Option<Kept> {
+    let (begin, end) = (point.saturating_sub(WALL_RAYS), (point + WALL_RAYS + 1).min(steps.len() - 1));
+    let longest = steps[begin + 1..end].iter().copied().fold(0.0, f32::max);
     if end - begin < WALL_RAYS + 2 || longest > (WALL_STEP_PER_RANGE * range).min(WALL_STEP_M) {
         return None;
     }
-    let normal = sums.normal(begin, end, towards);
-    (sums.thickness(begin, end) < WALL_THICKNESS_M + WALL_THICKNESS_PER_RANGE * f64::from(range)).then_some(normal)
+    (sums.thickness(begin, end) < WALL_THICKNESS_M + WALL_THICKNESS_PER_RANGE * f64::from(range)).then_some(Kept {
+        point,
+        begin,
+        end,
+    })
 }
 
 /// Rays to either side that must lie on one line.
@@ -269,18 +303,16 @@ const WALL_STEP_PER_RANGE: f32 = 0.15;
 const WALL_THICKNESS_M: f64 = 0.02;
 const WALL_THICKNESS_PER_RANGE: f64 = 0.001;
 
-/// Distance to the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
-fn spacing_between_beams(xs: &[f32], ys: &[f32], i: usize, range: f32) -> f32 {
-    let to = |j: usize| length(xs[j] - xs[i], ys[j] - ys[i]);
-    let before = if i > 0 { to(i - 1) } else { f32::INFINITY };
-    let after = if i + 1 < xs.len() { to(i + 1) } else { f32::INFINITY };
-    before.min(after).min(0.05 * range)
-}
-
 /// Length of a vector. `hypot`, which is exact for lengths near the limits of floats, is a slow function call.
 #[inline]
 fn length(x: f32, y: f32) -> f32 {
     (x * x + y * y).sqrt()
+}
+
+/// The covariance (xx, xy, yy) that follows from the means of x, y, x², xy and y².
+#[inline(always)]
+fn covariance([x, y, xx, xy, yy]: [f64; 5]) -> (f64, f64, f64) {
+    (xx - x * x, xy - x * y, yy - y * y)
 }
 
 /// Sums over the first k points, so that the spread of any run of points costs one subtraction.
@@ -303,43 +335,49 @@ impl RunningSums {
 
     /// Root mean square distance of points `begin..end` from the line through them.
     fn thickness(&self, begin: usize, end: usize) -> f64 {
-        let (xx, xy, yy) = self.spread(begin, end);
+        let (low, high) = (&self.0[begin], &self.0[end]);
+        let count = (end - begin) as f64;
+        let (xx, xy, yy) = covariance([0, 1, 2, 3, 4].map(|k| (high[k] - low[k]) / count));
         (0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt()).max(0.0).sqrt()
     }
 
-    /// Covariance of the coordinates of points `begin..end`.
-    fn spread(&self, begin: usize, end: usize) -> (f64, f64, f64) {
-        let count = (end - begin) as f64;
-        let (low, high) = (&self.0[begin], &self.0[end]);
-        let mean = |k: usize| (high[k] - low[k]) / count;
-        let (mean_x, mean_y) = (mean(0), mean(1));
-        (mean(2) - mean_x * mean_x, mean(3) - mean_x * mean_y, mean(4) - mean_y * mean_y)
-    }
-
-    /// The normal of the line through points `begin..end` on the side of `towards`; its length
-    /// is 1 for points on a line and 0 for points without direction.
-    fn normal(&self, begin: usize, end: usize, towards: [f32; 2]) -> [f32; 2] {
-        if end - begin < 3 {
-            return [0.0, 0.0];
+    /// The normals, by coordinate, of the lines through the runs of up to [`LANES`] points, on the side of the scan's origin;
+    /// their length is 1 for runs on a line and 0 for runs without direction.
+    #[inline(always)]
+    fn normals(&self, kept: &[Kept], scan: &BodyScan) -> [[f32; LANES]; 2] {
+        let (mut sums, mut counts, mut towards) = ([[0.0; LANES]; 5], [1.0; LANES], [[0.0_f32; LANES]; 2]);
+        for (lane, kept) in kept.iter().enumerate().take(LANES) {
+            let (low, high) = (&self.0[kept.begin], &self.0[kept.end]);
+            for k in 0..5 {
+                sums[k][lane] = high[k] - low[k];
+            }
+            counts[lane] = (kept.end - kept.begin) as f64;
+            towards[0][lane] = scan.origin_m[0] as f32 - scan.hits.x_m[kept.point];
+            towards[1][lane] = scan.origin_m[1] as f32 - scan.hits.y_m[kept.point];
         }
-        let (xx, xy, yy) = self.spread(begin, end);
-        // Eigenvalues of the 2 × 2 covariance.
-        let half_trace = 0.5 * (xx + yy);
-        let root = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
-        let (small, large) = ((half_trace - root).max(0.0), half_trace + root);
-        let flatness = (1.0 - 4.0 * small / large.max(1e-12)).clamp(0.0, 1.0);
-        if root <= 0.0 {
-            return [0.0, 0.0];
+        let mut normals = [[0.0; LANES]; 2];
+        for lane in 0..LANES {
+            let means = [0, 1, 2, 3, 4].map(|k| sums[k][lane] / counts[lane]);
+            let (xx, xy, yy) = covariance(means);
+            // Eigenvalues of the 2 × 2 covariance.
+            let half_trace = 0.5 * (xx + yy);
+            let root = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+            let (small, large) = (half_trace - root, half_trace + root);
+            let (small, large) = (if small > 0.0 { small } else { 0.0 }, if large > 1e-12 { large } else { 1e-12 });
+            let flatness = 1.0 - 4.0 * small / large;
+            let flatness = if flatness > 0.0 && root > 0.0 { flatness } else { 0.0 };
+            // Cosine and sine of the line's angle from those of twice the angle.
+            let some_root = if root > 0.0 { root } else { 1.0 };
+            let (cos_twice, sin_twice) = (0.5 * (xx - yy) / some_root, xy / some_root);
+            let larger = (0.5 * (1.0 + cos_twice.abs())).sqrt();
+            let smaller = 0.5 * sin_twice / larger;
+            let (cos, sin) = if cos_twice >= 0.0 { (larger, smaller) } else { (smaller, larger) };
+            let (nx, ny) = (-sin as f32, cos as f32);
+            let faces_away = nx * towards[0][lane] + ny * towards[1][lane] < 0.0;
+            let length = if faces_away { -flatness as f32 } else { flatness as f32 };
+            normals[0][lane] = nx * length;
+            normals[1][lane] = ny * length;
         }
-        // Cosine and sine of the line's angle from those of twice the angle.
-        let (cos_twice, sin_twice) = (0.5 * (xx - yy) / root, xy / root);
-        let larger = (0.5 * (1.0 + cos_twice.abs())).sqrt();
-        let smaller = 0.5 * sin_twice / larger;
-        let (cos, sin) = if cos_twice >= 0.0 { (larger, smaller) } else { (smaller, larger) };
-        let (mut nx, mut ny) = (-sin as f32, cos as f32);
-        if nx * towards[0] + ny * towards[1] < 0.0 {
-            (nx, ny) = (-nx, -ny);
-        }
-        [nx * flatness as f32, ny * flatness as f32]
+        normals
     }
 }
