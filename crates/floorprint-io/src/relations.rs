@@ -3,17 +3,17 @@
 
 use crate::error::{Problem, ReadError, quoted};
 use crate::number::Tokens;
-use crate::regular_file::read_regular;
+use crate::source::read_unpacked;
 use floorprint::evaluation::Relation;
 use floorprint::geometry::Pose2;
 use std::path::Path;
 
-/// Reads relations, projected onto the plane. Empty lines and lines beginning with `#` are skipped.
+/// Reads relations, gzipped or not, projected onto the plane. Empty lines and lines beginning with `#` are skipped.
 ///
 /// # Errors
 /// When the file cannot be read, a line does not hold eight finite numbers, or there is no relation at all.
 pub fn read_relations(path: &Path) -> Result<Vec<Relation>, ReadError> {
-    let text = read_regular(path)?;
+    let text = read_unpacked(path)?;
     parse_relations(path, &text)
 }
 

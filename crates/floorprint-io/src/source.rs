@@ -184,6 +184,28 @@ impl Read for Gunzip<'_> {
     }
 }
 
+/// A truth file is not longer than this, unpacked: 10 million poses.
+const LONGEST_TEXT_BYTES: u64 = 1 << 30;
+
+/// The content of a file that is text, gzipped or not.
+pub(crate) fn read_unpacked(path: &Path) -> Result<Vec<u8>, ReadError> {
+    let bytes = read_regular(path)?;
+    if !bytes.starts_with(&GZIP_MAGIC) {
+        return Ok(bytes);
+    }
+    let mut text = Vec::new();
+    let read = Gunzip(GzDecoder::new(&bytes)).take(LONGEST_TEXT_BYTES + 1).read_to_end(&mut text);
+    if let Err(error) = read {
+        return Err(Problem::new(path, format!("gzip data that cannot be unpacked ({error})"))
+            .advice("The file was cut off or damaged: fetch it again")
+            .into());
+    }
+    if text.len() as u64 > LONGEST_TEXT_BYTES {
+        return Err(Problem::new(path, "gzip data of more than 1 GiB").expected("a text file").into());
+    }
+    Ok(text)
+}
+
 /// The hash of an input of several files: SHA-256 over a list of them, which is what `sha256sum`
 /// prints for the files that are read whole, and name and size for the images.
 #[derive(Default)]

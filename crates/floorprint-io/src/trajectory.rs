@@ -2,8 +2,8 @@
 
 use crate::error::{Problem, ReadError, WriteError, quoted};
 use crate::number::{Tokens, push_fixed};
-use crate::regular_file::read_regular;
 use crate::replace::write_file;
+use crate::source::read_unpacked;
 use floorprint::geometry::Pose2;
 use floorprint::sensors::StampedPose;
 use std::path::Path;
@@ -47,14 +47,14 @@ pub fn write_kitti(path: &Path, trajectory: &[StampedPose]) -> Result<(), WriteE
     write_file(path, text.as_bytes())
 }
 
-/// Reads a trajectory and projects it onto the plane: z, roll and pitch are left out.
+/// Reads a trajectory, gzipped or not, and projects it onto the plane: z, roll and pitch are left out.
 ///
 /// Empty lines and lines beginning with `#` are skipped.
 ///
 /// # Errors
-/// When the file cannot be read, or a line does not hold eight finite numbers.
+/// When the file cannot be read, or a line does not hold eight finite numbers of which the last four are a rotation.
 pub fn read_trajectory(path: &Path) -> Result<Vec<StampedPose>, ReadError> {
-    let text = read_regular(path)?;
+    let text = read_unpacked(path)?;
     parse_trajectory(path, &text)
 }
 
@@ -65,22 +65,32 @@ fn parse_trajectory(path: &Path, text: &[u8]) -> Result<Vec<StampedPose>, ReadEr
             continue;
         }
         trajectory.push(parse_pose(line).ok_or_else(|| {
-            Problem::new(path, quoted(line))
-                .at(format!("line {}", index + 1))
-                .expected("eight finite numbers: stamp x y z qx qy qz qw")
+            let problem = Problem::new(path, quoted(line)).at(format!("line {}", index + 1));
+            if eight_numbers(line).is_none() {
+                return problem.expected("eight finite numbers: stamp x y z qx qy qz qw");
+            }
+            problem
+                .expected("a rotation: the last four numbers are a quaternion of length 1")
+                .advice("Relations of the Freiburg SLAM benchmark have eight numbers, too: floorprint evaluate relations reads them")
         })?);
     }
     Ok(trajectory)
 }
 
-fn parse_pose(line: &[u8]) -> Option<StampedPose> {
+fn eight_numbers(line: &[u8]) -> Option<[f64; 8]> {
     let mut tokens = Tokens::new(line);
     let stamp_s = tokens.finite()?;
-    let [x, y, _z] = tokens.triple()?;
+    let [x, y, z] = tokens.triple()?;
     let [qx, qy, qz] = tokens.triple()?;
-    let qw = tokens.finite()?;
+    Some([stamp_s, x, y, z, qx, qy, qz, tokens.finite()?])
+}
+
+fn parse_pose(line: &[u8]) -> Option<StampedPose> {
+    let [stamp_s, x, y, _z, qx, qy, qz, qw] = eight_numbers(line)?;
     let theta = (2.0 * (qw * qz + qx * qy)).atan2(qw * qw + qx * qx - qy * qy - qz * qz);
-    (qx * qx + qy * qy + qz * qz + qw * qw > 0.0).then(|| StampedPose { stamp_s, pose: Pose2::new(x, y, theta) })
+    let length = (qx * qx + qy * qy + qz * qz + qw * qw).sqrt();
+    // However coarsely it was written.
+    (0.9..1.1).contains(&length).then(|| StampedPose { stamp_s, pose: Pose2::new(x, y, theta) })
 }
 
 #[cfg(test)]
@@ -126,6 +136,28 @@ mod tests {
         fn any_bytes_are_a_trajectory_or_an_error(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
             let _ = parse_trajectory(Path::new("t.tum"), &bytes);
         }
+    }
+
+    /// Their eight numbers were taken for a trajectory with errors of 10⁹ m.
+    #[test]
+    fn relations_are_no_trajectory() {
+        let relation = b"976052905.167303 976052911.885496 -0.05 -0.12 0 0 0 -1.68\n";
+        let error = parse_trajectory(Path::new("a.relations"), relation).unwrap_err();
+        assert!(error.to_string().contains("evaluate relations"), "{error}");
+        assert_eq!(parse_trajectory(Path::new("t.tum"), b"1 2 3 0 0 0 0.71 0.71\n").unwrap().len(), 1);
+    }
+
+    #[test]
+    fn gzipped_trajectories_are_read_and_damaged_ones_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.tum.gz");
+        let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut packed, b"1 2 3 0 0 0 0 1\n2 2 3 0 0 0 0 1\n").unwrap();
+        let packed = packed.finish().unwrap();
+        std::fs::write(&path, &packed).unwrap();
+        assert_eq!(read_trajectory(&path).unwrap().len(), 2);
+        std::fs::write(&path, &packed[..packed.len() - 12]).unwrap();
+        assert!(read_trajectory(&path).unwrap_err().to_string().contains("cut off"));
     }
 
     #[test]
