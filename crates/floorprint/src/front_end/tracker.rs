@@ -15,8 +15,8 @@ use nalgebra::{Matrix3, Vector3};
 /// give. With a quarter of it a door that swings carries the robot along (intel without odometry: 0.173 m
 /// instead of 0.013 m); twice as much or half of it make no difference.
 const PREDICTION_TRUST: f64 = 0.2;
-/// A scan of fewer points than this, half of those that add certainty, overrules no odometry that has the robot go on …
-const SPARSE_POINTS: usize = 50;
+/// A scan of less than this share of the points that it may have overrules no odometry that has the robot go on …
+const SPARSE_SHARE: f64 = 1.0 / 6.0;
 /// … as before, within this many standard deviations.
 const GOING_ON_SIGMAS: f64 = 3.0;
 /// A match is doubtful where less than this share of its scan lies on the map.
@@ -119,7 +119,9 @@ impl Tracker {
             return None;
         }
         let goes_on = continued.sigmas_to(&prior.pose) <= GOING_ON_SIGMAS;
-        let is_sparse = scan.len() < POINTS_TO_SEARCH || (scan.len() < SPARSE_POINTS && goes_on);
+        let sparse_points = SPARSE_SHARE * matcher.max_points as f64;
+        let is_sparse =
+            (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
         let (result, odometry) = match proven.filter(|_| is_sparse) {
             Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
             None => locate(self.map.surfaces(), scan, prior, continued, matcher),

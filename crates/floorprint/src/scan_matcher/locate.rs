@@ -73,12 +73,8 @@ pub fn locate(
         }
     }
     let verdict = if agrees(prior, &predicted) { OdometryVerdict::Confirmed } else { OdometryVerdict::Contradicted };
-    // What hardly lies on the map shows new things; the few points that fit do so by chance and would lead astray.
-    let believed = |fit: MatchResult, verdict: OdometryVerdict| {
-        if fit.inlier_share < LOST { (unseen(fit, prior), OdometryVerdict::Confirmed) } else { (fit, verdict) }
-    };
     if !is_poor(&predicted) || scan.len() < POINTS_TO_SEARCH {
-        return believed(predicted, verdict);
+        return (predicted, verdict);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
     let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: FRAC_PI_2 };
@@ -99,7 +95,7 @@ pub fn locate(
         let is_proof = best.inlier_share > LEAST_PROOF;
         (if is_proof { best } else { unseen(predicted, prior) }, OdometryVerdict::Abandoned)
     } else {
-        believed(predicted, verdict)
+        (predicted, verdict)
     }
 }
 
@@ -112,6 +108,7 @@ pub(crate) fn follow(
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
     let fit = match_scan(map, scan, prior, config);
+    // What hardly lies on the map shows new things; the few points that fit do so by chance and would lead astray.
     let is_seen = fit.inlier_share >= LOST;
     (if is_seen { fit } else { unseen(fit, prior) }, OdometryVerdict::Confirmed)
 }
