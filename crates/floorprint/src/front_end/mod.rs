@@ -12,6 +12,7 @@ mod kld_sampling;
 mod local_map;
 mod loss;
 mod odometry_model;
+mod odometry_record;
 mod odometry_scale;
 mod odometry_trust;
 mod pace;

@@ -1,5 +1,6 @@
 //! What is learnt of this robot's odometry on the way.
 
+use super::odometry_record::OdometryRecord;
 use super::odometry_scale::OdometryScale;
 use super::odometry_trust::OdometryTrust;
 use crate::geometry::Pose2;
@@ -11,6 +12,8 @@ use serde::{Deserialize, Serialize};
 pub struct OdometryModel {
     trust: OdometryTrust,
     scale: OdometryScale,
+    #[serde(default)]
+    record: OdometryRecord,
 }
 
 impl OdometryModel {
@@ -32,6 +35,12 @@ impl OdometryModel {
         self.trust.noise()
     }
 
+    /// Information of a motion with errors as they have turned out to be on this drive, given what is stated.
+    #[must_use]
+    pub fn proven(&self, stated: &Matrix3<f64>) -> Matrix3<f64> {
+        self.record.proven(stated)
+    }
+
     /// Learns from a step: what the odometry `measured` and what scan and odometry together `matched`, both seen from
     /// the pose before, in which the body had a `heading_rad`; the standard deviation of a translation as stated
     /// (metres), and what the scan alone knows, as information in the axes of the front end's frame. The length is
@@ -49,5 +58,10 @@ impl OdometryModel {
         if confirmed {
             self.scale.learn(measured, matched, heading_rad, scan);
         }
+    }
+
+    /// Notes how far the odometry erred in a step of which the scan is clear.
+    pub fn note(&mut self, measured: &Pose2, matched: &Pose2, sigmas: [f64; 2], scan: &Matrix3<f64>) {
+        self.record.learn(&self.scale.correct(measured), matched, sigmas, scan);
     }
 }

@@ -41,16 +41,22 @@ impl OdometryTrust {
     /// Learns from a step: what the odometry measured and what the scan says, both seen from the pose before;
     /// the standard deviation of the former as stated (metres), and the information of the latter.
     pub fn learn(&mut self, measured: &Pose2, matched: &Pose2, sigma_m: f64, scan_information: &Matrix3<f64>) {
-        let position = scan_information.fixed_view::<2, 2>(0, 0);
-        let half_trace = 0.5 * position.trace();
-        let root = (half_trace * half_trace - position.determinant()).max(0.0).sqrt();
-        if measured.distance() < SHORTEST_STEP_M || half_trace - root < MORE_CERTAIN / (sigma_m * sigma_m) {
+        if !tells_motion(measured, sigma_m, scan_information) {
             return;
         }
         // Per axis: the error has two.
         let error_m = (matched.x - measured.x).hypot(matched.y - measured.y) / std::f64::consts::SQRT_2;
         self.squared_ratio += NEWEST * ((error_m / sigma_m).min(LARGEST_RATIO).powi(2) - self.squared_ratio);
     }
+}
+
+/// Whether a scan of this information tells a step so much better than odometry with this standard deviation (metres) that
+/// it shows how far that errs.
+pub(super) fn tells_motion(measured: &Pose2, sigma_m: f64, scan_information: &Matrix3<f64>) -> bool {
+    let position = scan_information.fixed_view::<2, 2>(0, 0);
+    let half_trace = 0.5 * position.trace();
+    let root = (half_trace * half_trace - position.determinant()).max(0.0).sqrt();
+    measured.distance() >= SHORTEST_STEP_M && half_trace - root >= MORE_CERTAIN / (sigma_m * sigma_m)
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ use crate::key_scan::{Interruption, KeyScan};
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
-use crate::scan_matcher::{MatcherConfig, OdometryVerdict};
+use crate::scan_matcher::{MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH};
 use crate::sensors::StampedPose;
 use crate::surface::{SurfaceScan, Thinning};
 use nalgebra::{Matrix3, Vector3};
@@ -168,7 +168,7 @@ impl ParticleFilter {
         let weights = self.normalised_weights();
         let effective_particles = effective_number(&weights);
         let best = self.best();
-        self.learn(frame.motion.as_ref(), &fits[best], is_believed, is_gap(steps));
+        self.learn(frame.motion.as_ref(), &fits[best], scan.len(), is_believed, is_gap(steps));
         if let Some(fit) = &fits[best] {
             let Tracker { last_motion, map, .. } = &self.particles[best];
             let step = Step {
@@ -278,8 +278,16 @@ impl ParticleFilter {
         }
     }
 
-    /// Learns from the best particle's step how uncertain the motion is, and what the odometry is worth.
-    fn learn(&mut self, measured: Option<&Pose2>, fit: &Option<Fit>, is_believed: bool, after_gap: bool) {
+    /// Learns from the best particle's step how uncertain the motion is, and what the odometry is worth; `points` are those
+    /// of the scan.
+    fn learn(
+        &mut self,
+        measured: Option<&Pose2>,
+        fit: &Option<Fit>,
+        points: usize,
+        is_believed: bool,
+        after_gap: bool,
+    ) {
         let Some(fit) = fit else { return };
         // One scan after a gap does not decide where along it the robot has come to: places look alike.
         self.covariance = if is_believed && !after_gap {
@@ -291,10 +299,15 @@ impl ParticleFilter {
         if let Some(measured) = measured.filter(|_| is_believed) {
             let Tracker { pose, last_motion, .. } = self.best_particle();
             let (last_motion, heading_rad) = (*last_motion, pose.theta - last_motion.theta);
-            let (sigma_m, _) = self.motion.sigmas(measured);
+            let sigmas: [f64; 2] = self.motion.sigmas(measured).into();
             let is_confirmed = fit.odometry == OdometryVerdict::Confirmed;
+            let is_clear =
+                points >= POINTS_TO_SEARCH && fit.result.inlier_share >= self.matcher.search_below_inlier_share;
             let scan = &fit.result.scan_information;
-            self.odometry.learn(measured, &last_motion, heading_rad, sigma_m, scan, is_confirmed);
+            self.odometry.learn(measured, &last_motion, heading_rad, sigmas[0], scan, is_confirmed);
+            if is_clear {
+                self.odometry.note(measured, &last_motion, sigmas, scan);
+            }
         }
     }
 

@@ -7,7 +7,7 @@ use super::pace::is_gap;
 use crate::geometry::covariance::{inverse, isotropic};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::motion_model::MotionConfig;
-use crate::scan_matcher::{MatchResult, MatcherConfig, OdometryVerdict, PoseBelief, locate};
+use crate::scan_matcher::{MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate};
 use crate::surface::SurfaceScan;
 use nalgebra::{Matrix3, Vector3};
 
@@ -15,6 +15,10 @@ use nalgebra::{Matrix3, Vector3};
 /// give. With a quarter of it a door that swings carries the robot along (intel without odometry: 0.173 m
 /// instead of 0.013 m); twice as much or half of it make no difference.
 const PREDICTION_TRUST: f64 = 0.2;
+/// A scan of less than this share of the points that it may have overrules no odometry that has the robot go on …
+const SPARSE_SHARE: f64 = 1.0 / 6.0;
+/// … as before, within this many standard deviations.
+const GOING_ON_SIGMAS: f64 = 3.0;
 /// A match is doubtful where less than this share of its scan lies on the map.
 const DOUBTFUL_INLIER_SHARE: f64 = 0.6;
 /// How far a doubtful pose may be off: standard deviations, metres and radians.
@@ -42,6 +46,8 @@ pub(super) struct Tracker {
 pub(super) struct Prediction {
     /// The odometry's belief, or that the robot goes on where nothing measures the motion.
     prior: PoseBelief,
+    /// The odometry's with errors as they have turned out to be so far; none where it says nothing, or over a gap.
+    proven: Option<PoseBelief>,
     /// That the robot goes on as it did.
     continued: PoseBelief,
     step: Pose2,
@@ -93,7 +99,10 @@ impl Tracker {
             // How the robot went on before a gap says nothing about where it is after it.
             continued.information = Matrix3::zeros();
         }
-        Prediction { prior, continued, step: measured.copied().unwrap_or(last_motion) }
+        let proven = measured
+            .filter(|_| !is_gap(steps))
+            .map(|_| PoseBelief { information: odometry.proven(&prior.information), ..prior });
+        Prediction { prior, proven, continued, step: measured.copied().unwrap_or(last_motion) }
     }
 
     /// Moves to where the scan fits the map, once there is one.
@@ -103,13 +112,20 @@ impl Tracker {
         scan: &SurfaceScan,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
-        let Prediction { prior, continued, step } = prediction;
+        let Prediction { prior, proven, continued, step } = prediction;
         self.unconfirmed.push(*step);
         if self.map.surfaces().is_empty() {
             (self.pose, self.last_motion) = (prior.pose, *step);
             return None;
         }
-        let (result, odometry) = locate(self.map.surfaces(), scan, prior, continued, matcher);
+        let goes_on = continued.sigmas_to(&prior.pose) <= GOING_ON_SIGMAS;
+        let sparse_points = SPARSE_SHARE * matcher.max_points as f64;
+        let is_sparse =
+            (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
+        let (result, odometry) = match proven.filter(|_| is_sparse) {
+            Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
+            None => locate(self.map.surfaces(), scan, prior, continued, matcher),
+        };
         self.last_motion = self.pose.between(&result.belief.pose);
         self.pose = result.belief.pose;
         Some(Fit { result, prior: *prior, odometry })

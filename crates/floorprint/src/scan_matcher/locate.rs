@@ -5,6 +5,7 @@ use super::gauss_newton::match_scan_against;
 use super::{MatchResult, MatcherConfig, PoseBelief, match_scan};
 use crate::surface::SurfaceMap;
 use crate::surface::SurfaceScan;
+use nalgebra::Matrix3;
 use std::f64::consts::FRAC_PI_2;
 
 /// Odometry that the scan contradicts by more than this many standard deviations is taken to be wrong.
@@ -12,7 +13,7 @@ const TRUSTED_SIGMAS: f64 = 3.0;
 /// Candidates of a search that are matched finely.
 const CANDIDATES: usize = 4;
 /// Fewer points than this fit almost anywhere; they are no reason to doubt the odometry.
-const POINTS_TO_SEARCH: usize = 30;
+pub(crate) const POINTS_TO_SEARCH: usize = 30;
 /// A search is widened only if less than this share of the points lies on the map at the prediction: the robot is lost
 /// then. It never comes to where the robot has turned round between two scans: a corridor fits the other way round, too.
 const LOST: f64 = 0.3;
@@ -21,6 +22,8 @@ const GOOD_ENOUGH: f64 = 0.6;
 /// The scan overrules the odometry only if this much more of it fits elsewhere. Less is no proof:
 /// where much of what is seen is new, a wrong pose along a corridor gains as much by chance.
 const CLEARLY_BETTER: f64 = 0.2;
+/// Of a wide search the best place has a third of the scan on the map by chance: so much has to lie there.
+const LEAST_PROOF: f64 = 0.5;
 /// Where the scan contradicts the odometry, the robot is believed to go on as before even if this much less of it fits there.
 const SLIGHTLY: f64 = 0.05;
 /// After a search the odometry is believed this much less (as a factor on its information).
@@ -89,8 +92,28 @@ pub fn locate(
         }
     }
     if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER {
-        (best, OdometryVerdict::Abandoned)
+        let is_proof = best.inlier_share > LEAST_PROOF;
+        (if is_proof { best } else { unseen(predicted, prior) }, OdometryVerdict::Abandoned)
     } else {
         (predicted, verdict)
     }
+}
+
+/// Fits a `scan` that shows too little to overrule the odometry to `map`.
+#[must_use]
+pub(crate) fn follow(
+    map: &SurfaceMap,
+    scan: &SurfaceScan,
+    prior: &PoseBelief,
+    config: &MatcherConfig,
+) -> (MatchResult, OdometryVerdict) {
+    let fit = match_scan(map, scan, prior, config);
+    // What hardly lies on the map shows new things; the few points that fit do so by chance and would lead astray.
+    let is_seen = fit.inlier_share >= LOST;
+    (if is_seen { fit } else { unseen(fit, prior) }, OdometryVerdict::Confirmed)
+}
+
+/// What is known of the pose of a scan that says nothing: what was believed before it was looked at.
+fn unseen(fit: MatchResult, prior: &PoseBelief) -> MatchResult {
+    MatchResult { belief: *prior, scan_information: Matrix3::zeros(), ..fit }
 }
