@@ -49,7 +49,9 @@ impl StorageWatch {
     /// What was put away is lost: nothing that comes of the drive is to be relied on.
     pub(crate) fn look(&mut self, trouble: Option<StorageTrouble>, terminal: &Terminal) -> anyhow::Result<()> {
         match trouble {
-            Some(StorageTrouble::Lost(why)) => bail!("{why}; the drive cannot go on without it"),
+            Some(StorageTrouble::Lost(why)) => {
+                bail!("{why}; the drive cannot go on without it: run it again with more --memory, or none")
+            }
             Some(StorageTrouble::Full(why)) if !self.has_told => {
                 self.has_told = true;
                 terminal.warn(&format!("all of the session stays in memory from now on: {why}"));

@@ -201,7 +201,7 @@ pub(crate) fn read_unpacked(path: &Path) -> Result<Vec<u8>, ReadError> {
             .into());
     }
     if text.len() as u64 > LONGEST_TEXT_BYTES {
-        return Err(Problem::new(path, "gzip data of more than 1 GiB").expected("a text file").into());
+        return Err(Problem::new(path, "gzip data of more than 1 GiB").expected("a text file that is shorter").into());
     }
     Ok(text)
 }

@@ -1,6 +1,6 @@
 //! Readers take time in proportion to what they read, also for logs made to be slow.
 
-#![expect(clippy::unwrap_used, clippy::panic, reason = "a test ends where a step fails")]
+#![expect(clippy::unwrap_used, reason = "a test ends where a step fails")]
 
 use floorprint_io::{OpenOptions, open, read_g2o, read_relations, read_trajectory};
 use std::fs;
@@ -29,24 +29,21 @@ fn grows_linearly(what: &str, name: &str, text_of: &dyn Fn(usize) -> String, rea
     // One measurement at a time: the others would take its core and its cache.
     static TURN: Mutex<()> = Mutex::new(());
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    // So large that what is read fits no cache: memory that is slower from some size on would look like growth.
     let mut size = 50;
-    while quickest(&text_of(size), name, read) < Duration::from_millis(15) && size <= 400_000 {
+    while quickest(&text_of(size), name, read) < Duration::from_millis(30) && size <= 400_000 {
         size *= 2;
     }
-    // The machine may be busy, and memory may be slower from some size on: what grows faster than its input does so at each
-    // size and at all times.
-    let mut ratios = Vec::new();
-    for size in [size, 2 * size, 3 * size] {
-        let (small, large) = (text_of(size), text_of(4 * size));
-        for _ in 0..3 {
-            let [once, four_times] = [&small, &large].map(|text| quickest(text, name, read).as_secs_f64());
-            ratios.push(four_times / once);
-            if four_times / once < MOST {
-                return;
-            }
-        }
-    }
-    panic!("{what}: four times {size} lines, and two and three times as many, take {ratios:.1?} times as long");
+    // The machine may be busy: one quiet moment is enough.
+    let (small, large) = (text_of(size), text_of(4 * size));
+    let ratio = (0..4).map(|_| {
+        let [once, four_times] = [&small, &large].map(|text| quickest(text, name, read).as_secs_f64());
+        four_times / once
+    });
+    let ratios: Vec<f64> =
+        ratio.scan(true, |goes_on, ratio| goes_on.then(|| (*goes_on = ratio >= MOST, ratio).1)).collect();
+    let best = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(best < MOST, "{what}: four times {size} lines take {ratios:.1?} times as long");
 }
 
 fn opens(path: &Path) {

@@ -4,7 +4,7 @@
 //! reports come late: a scan that sees enough puts that right. Where a scan shows a few trees and poles only, it fits in many
 //! places by chance, and what the odometry has proven on the way so far says more than that.
 
-use super::odometry_trust::tells_motion;
+use super::odometry_trust::{error_m, squared_ratio, tells_motion};
 use crate::geometry::{Pose2, wrap_angle};
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
@@ -24,8 +24,6 @@ pub struct OdometryRecord {
 const STATED_STEPS: f64 = 5.0;
 /// The mean is over the last so many.
 const STEPS_REMEMBERED: f64 = 200.0;
-/// A single step counts no more than this ratio.
-const LARGEST_RATIO: f64 = 3.0;
 /// Errors of steps to come may be this much larger than those so far.
 const MARGIN: f64 = 2.0;
 /// Nothing is ever proven to be better than this share of what is stated.
@@ -59,12 +57,11 @@ impl OdometryRecord {
         if sigma_m <= 0.0 || sigma_rad <= 0.0 || !tells_motion(measured, sigma_m, scan_information) {
             return;
         }
-        let error_m = (matched.x - measured.x).hypot(matched.y - measured.y) / std::f64::consts::SQRT_2;
         let error_rad = wrap_angle(matched.theta - measured.theta).abs();
         self.steps = (self.steps + 1.0).min(STEPS_REMEMBERED);
-        let learn = |mean: &mut f64, ratio: f64| *mean += (ratio.min(LARGEST_RATIO).powi(2) - *mean) / self.steps;
-        learn(&mut self.squared_ratio_m, error_m / sigma_m);
-        learn(&mut self.squared_ratio_rad, error_rad / sigma_rad);
+        let learn = |mean: &mut f64, ratio: f64| *mean += (ratio - *mean) / self.steps;
+        learn(&mut self.squared_ratio_m, squared_ratio(error_m(measured, matched), sigma_m));
+        learn(&mut self.squared_ratio_rad, squared_ratio(error_rad, sigma_rad));
     }
 }
 

@@ -44,10 +44,18 @@ impl OdometryTrust {
         if !tells_motion(measured, sigma_m, scan_information) {
             return;
         }
-        // Per axis: the error has two.
-        let error_m = (matched.x - measured.x).hypot(matched.y - measured.y) / std::f64::consts::SQRT_2;
-        self.squared_ratio += NEWEST * ((error_m / sigma_m).min(LARGEST_RATIO).powi(2) - self.squared_ratio);
+        self.squared_ratio += NEWEST * (squared_ratio(error_m(measured, matched), sigma_m) - self.squared_ratio);
     }
+}
+
+/// The error of a translation, of each of its axes, metres.
+pub(super) fn error_m(measured: &Pose2, matched: &Pose2) -> f64 {
+    (matched.x - measured.x).hypot(matched.y - measured.y) / std::f64::consts::SQRT_2
+}
+
+/// The squared ratio of an error to its stated standard deviation, up to what a single step counts.
+pub(super) fn squared_ratio(error: f64, sigma: f64) -> f64 {
+    (error / sigma).min(LARGEST_RATIO).powi(2)
 }
 
 /// Whether a scan of this information tells a step so much better than odometry with this standard deviation (metres) that

@@ -37,7 +37,8 @@ const SAME_PLACE_RAD: f64 = 0.15;
 pub struct PlaceQuery {
     /// The poses to look at.
     pub window: SearchWindow,
-    /// A pose that may fit well, if one is known: it spares looking at what fits worse. What is found is the same.
+    /// A pose of the scan on the map that may fit well, if one is known: it spares looking at what fits worse. What is found
+    /// is the same.
     pub likely: Option<Pose2>,
     /// Places that score less are not found; 1 is a perfect fit.
     pub min_score: f64,
@@ -481,6 +482,30 @@ mod tests {
             assert!(found[..index].iter().all(|better| is_elsewhere(&better.pose, &place.pose)));
             assert!(found[..index].iter().all(|better| better.score >= place.score));
         }
+    }
+
+    #[test]
+    fn a_likely_pose_spares_work() {
+        let room = Walls::room();
+        let map = SurfaceScan::new(&room.scan_from(&Pose2::IDENTITY, 720), &Thinning::default());
+        let there = Pose2::new(0.8, -0.6, 0.4);
+        let scan = SurfaceScan::new(&room.scan_from(&there, 720), &Thinning::default());
+        let search = PlaceSearch::new(&map);
+        let blocks_needed = |likely: Option<Pose2>| {
+            let is_enough = |max_blocks: usize| {
+                let query = PlaceQuery { max_blocks, likely, ..query(2.0, 1.0) };
+                search.find(&scan, &Pose2::IDENTITY, &query).is_some()
+            };
+            let (mut too_few, mut enough) = (0, 1 << 20);
+            assert!(is_enough(enough));
+            while enough - too_few > 1 {
+                let middle = (too_few + enough) / 2;
+                if is_enough(middle) { enough = middle } else { too_few = middle }
+            }
+            enough
+        };
+        let (with, without) = (blocks_needed(Some(there)), blocks_needed(None));
+        assert!(with < without, "{with} blocks instead of {without}");
     }
 
     #[test]
