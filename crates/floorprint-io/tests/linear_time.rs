@@ -6,23 +6,10 @@ use floorprint_io::{OpenOptions, open, read_g2o, read_relations, read_trajectory
 use std::fs;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Four times as much may take so many times as long: caches and the machine's other work add to four.
 const MOST: f64 = 6.0;
-
-/// What the process has worked so far: unlike the time of day it stands still while the machine does something else, which
-/// meets the longer of two readings more often.
-#[cfg(unix)]
-fn cpu_time() -> Duration {
-    nix::time::clock_gettime(nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID).unwrap().into()
-}
-
-/// Where that is not told the time of day has to do.
-#[cfg(not(unix))]
-fn cpu_time() -> Duration {
-    std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap()
-}
 
 /// How long a text takes to read, the quickest of several times.
 fn quickest(text: &str, name: &str, read: &dyn Fn(&Path)) -> Duration {
@@ -30,9 +17,9 @@ fn quickest(text: &str, name: &str, read: &dyn Fn(&Path)) -> Duration {
     let path = folder.path().join(name);
     fs::write(&path, text).unwrap();
     let times = (0..3).map(|_| {
-        let started = cpu_time();
+        let started = Instant::now();
         read(&path);
-        cpu_time() - started
+        started.elapsed()
     });
     times.min().unwrap()
 }

@@ -4,8 +4,6 @@
 //! It shows in the data as a value that occurs again and again while hardly any measurement
 //! comes near it.
 
-use std::collections::BTreeMap;
-
 /// A range counts as a mark when it occurs this many times as often as any other just below it.
 const PROMINENCE: usize = 10;
 
@@ -36,28 +34,51 @@ pub fn no_return_mark_m<I: Iterator<Item = f32>>(ranges_m: impl Fn() -> I) -> Op
     while longest_m > 0.0 && ranges_m().filter(|&range_m| range_m > 0.5 * longest_m).count() < least {
         longest_m = longest_up_to(0.5 * longest_m);
     }
-    // How often each range in that octave and beyond occurs; positive floats sort like their bits.
-    let mut occurrences: BTreeMap<u32, usize> = BTreeMap::new();
-    for range_m in ranges_m().filter(|&range_m| range_m > 0.5 * longest_m && range_m.is_finite()) {
-        *occurrences.entry(range_m.to_bits()).or_default() += 1;
-    }
-    let from = |range_m: f32| range_m.to_bits();
-    let stands_out = |mark: u32, count: usize| {
-        let range_m = f32::from_bits(mark);
-        let below = occurrences.range(from(range_m * NEIGHBOURHOOD)..from(range_m * FAMILY));
-        let busiest = below.map(|(_, &count)| count).max().unwrap_or(0);
+    let far = ranges_m().filter(|&range_m| range_m > 0.5 * longest_m && range_m.is_finite());
+    let occurrences = occurrences(far);
+    let from = |least_m: f32| &occurrences[occurrences.partition_point(|&(range_m, _)| range_m < least_m)..];
+    let stands_out = |range_m: f32, count: usize| {
+        let below = from(range_m * NEIGHBOURHOOD).iter().take_while(|&&(other_m, _)| other_m < range_m * FAMILY);
+        let busiest = below.map(|&(_, count)| count).max().unwrap_or(0);
         range_m >= NEAREST_MARK_M && count >= least && count >= PROMINENCE * busiest
     };
     let mut beyond = 0;
-    let (&mark, &count) = occurrences.iter().rev().find(|&(&mark, &count)| {
+    let &(mark_m, count) = occurrences.iter().rev().find(|&&(mark_m, count)| {
         // What outnumbers all beyond it at least doubles their number: few do, and only these are looked at.
         let outnumbers = count >= beyond;
         beyond += count;
-        outnumbers && stands_out(mark, count)
+        outnumbers && stands_out(mark_m, count)
     })?;
-    let family = occurrences.range(from(f32::from_bits(mark) * FAMILY)..=mark);
-    let members = family.filter(|&(_, &other)| other as f64 >= LEAST_SECOND_SHARE * count as f64);
-    members.map(|(&member, _)| f32::from_bits(member)).next()
+    let family = from(mark_m * FAMILY).iter().take_while(|&&(other_m, _)| other_m <= mark_m);
+    let mut members = family.filter(|&&(_, other)| other as f64 >= LEAST_SECOND_SHARE * count as f64);
+    members.next().map(|&(member_m, _)| member_m)
+}
+
+/// Readings that are counted at once, at least.
+const AT_ONCE: usize = 1 << 16;
+
+/// How often each range occurs, in order of the ranges. Takes memory for twice the ranges that differ, not for all, and reads
+/// it in order: a tree of millions of ranges that all differ would wait for memory at each.
+fn occurrences(ranges_m: impl Iterator<Item = f32>) -> Vec<(f32, usize)> {
+    let mut counted: Vec<(f32, usize)> = Vec::new();
+    let count = |counted: &mut Vec<(f32, usize)>| {
+        counted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        counted.dedup_by(|next, kept| {
+            let is_same = next.0 == kept.0;
+            kept.1 += if is_same { next.1 } else { 0 };
+            is_same
+        });
+    };
+    let mut most = AT_ONCE;
+    for range_m in ranges_m {
+        counted.push((range_m, 1));
+        if counted.len() >= most {
+            count(&mut counted);
+            most = AT_ONCE.max(2 * counted.len());
+        }
+    }
+    count(&mut counted);
+    counted
 }
 
 #[cfg(test)]
@@ -101,6 +122,18 @@ mod tests {
         assert_eq!(mark(&[1.25; 1000]), None);
         assert_eq!(mark(&[]), None);
         assert_eq!(mark(&[f32::NAN, f32::INFINITY, -1.0, 0.0]), None);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20))]
+        #[test]
+        fn ranges_are_counted(kinds in 1..200_u32, count in 0..200_000_usize) {
+            let ranges_m = (0..count).map(|k| (k as u32).wrapping_mul(2_654_435_761) % kinds).map(|kind| 1.0 + kind as f32);
+            let mut truth = std::collections::BTreeMap::new();
+            ranges_m.clone().for_each(|range_m| *truth.entry(range_m as u32).or_insert(0) += 1);
+            let found: Vec<(u32, usize)> = occurrences(ranges_m).iter().map(|&(range_m, n)| (range_m as u32, n)).collect();
+            prop_assert_eq!(found, truth.into_iter().collect::<Vec<_>>());
+        }
     }
 
     proptest! {
