@@ -76,6 +76,7 @@ impl Interrupt {
             if let Some(folder) = self.0.unfinished.get() {
                 let _ = fs::remove_dir_all(folder);
             }
+            floorprint_io::remove_unpacked();
             std::process::exit(130);
         }
         let _ = self.0.since.set(Instant::now());

@@ -8,6 +8,7 @@ use crate::number::number;
 use crate::outcome::Outcome;
 use crate::report::Report;
 use crate::run_folder;
+use crate::session_keeper;
 use crate::snapshots::Snapshots;
 use crate::solve::Start;
 use crate::summary;
@@ -17,6 +18,7 @@ use clap::Args;
 use floorprint::simulator::Arrival;
 use floorprint_io::{Contents, OpenOptions, RunFolder, free_beside};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Solve a drive: trajectory, map, floor and a report, in one folder.
 #[derive(Args)]
@@ -73,6 +75,10 @@ pub(crate) struct Work {
     /// is refused [default: 64].
     #[arg(long, value_name = "TIMES", value_parser = number(0.0, 1e9))]
     max_expansion: Option<f64>,
+    /// Save what was seen so far this often while the drive goes on; seldomer where that would take a twentieth of the
+    /// time [default: 1].
+    #[arg(long, value_name = "SECONDS", value_parser = number(0.001, 1e6))]
+    save_every: Option<f64>,
     #[command(flatten)]
     memory: Memory,
 }
@@ -80,7 +86,12 @@ pub(crate) struct Work {
 impl Work {
     /// Work of which nothing is written on the way.
     pub(crate) fn in_memory(threads: Option<u16>, paints_floor: bool) -> Self {
-        Self { threads, no_texture: !paints_floor, snapshots: None, max_expansion: None, memory: Memory::default() }
+        Self { threads, no_texture: !paints_floor, ..Self::default() }
+    }
+
+    /// How often what was seen so far is saved.
+    pub(crate) fn save_every(&self) -> Duration {
+        self.save_every.map_or(session_keeper::PERIOD, Duration::from_secs_f64)
     }
 
     /// How much of the session lies in memory.
@@ -200,9 +211,11 @@ impl Task<'_> {
         let _writing = terminal.busy("writing");
         solved.write(folder.path())?;
         interrupt.is_finishing();
-        let report = solved.report;
+        let is_partial = solved.report.partial;
         let out =
-            if report.partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };
+            if is_partial { folder.finish_partial()? } else { folder.finish().map(|()| self.out.to_path_buf())? };
+        solved.is_in_place();
+        let report = solved.report;
         if out != *self.out && report.partial {
             let (earlier, kept) = (self.out.display(), out.display());
             terminal.warn(&format!("{earlier} holds the complete results of an earlier run: these lie in {kept}"));

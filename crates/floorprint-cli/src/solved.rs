@@ -104,7 +104,8 @@ impl Task<'_> {
         };
         let mut keeper = beside
             .filter(|_| keeps_session(&config))
-            .map(|out| SessionKeeper::beside(out, terminal, notes(&config, &data_set.input_hash)));
+            .map(|out| SessionKeeper::beside(out, terminal, notes(&config, &data_set.input_hash)))
+            .map(|keeper| keeper.every(self.work.save_every()));
         let mut snapshots = self.work.snapshots();
         let mut around = Surroundings {
             terminal,
@@ -186,7 +187,16 @@ impl Solved {
             self.keeper = Some(SessionKeeper::beside(out, &terminal, notes(&self.config, &self.input_sha256)));
         }
         self.write(folder.path())?;
-        Ok(folder.finish()?)
+        folder.finish()?;
+        self.is_in_place();
+        Ok(())
+    }
+
+    /// Takes away what was kept on the way, now that the folder is in place.
+    pub(crate) fn is_in_place(&mut self) {
+        if let Some(keeper) = self.keeper.take() {
+            keeper.remove();
+        }
     }
 
     /// Writes everything into a folder that exists.
@@ -196,10 +206,10 @@ impl Solved {
             snapshots.write(&folder.join("snapshots"), &self.solution.steps)?;
         }
         // Before the report, by which a complete run is known.
-        if let Some(keeper) = self.keeper.take() {
+        if let Some(keeper) = &mut self.keeper {
             let floor = self.solution.floor.as_ref().map(|floor| &floor.map);
             let layers = Layers { session: &self.solution.session, map: &self.map, floor };
-            keeper.finish(&layers, &self.config.matcher, &folder.join("session.gpkg"))?;
+            keeper.finish(&layers, &self.config.matcher, Some(&folder.join("session.gpkg")))?;
         }
         let Self { config, solution, map, report, stopwatch, .. } = self;
         run_folder::write(folder, report, solution, map, config, stopwatch)

@@ -211,6 +211,26 @@ fn a_run_that_is_killed_keeps_its_session() {
     assert!(frames(&format!("{resumed}/session.gpkg")) > before && whole > 0);
 }
 
+#[test]
+fn what_a_killed_run_kept_stays_and_is_in_nobodys_way() {
+    let folder = tempfile::tempdir().unwrap();
+    let kept = folder.path().join("out.session-1.gpkg");
+    fs::copy(session(), &kept).unwrap();
+    let out = folder.path().join("out");
+    let run = Command::new(env!("CARGO_BIN_EXE_floorprint"))
+        .args(["run", &at("tuesday"), "--no-texture", "--out", out.to_str().unwrap()])
+        .output()
+        .unwrap();
+    let message = text(&run.stderr);
+    assert!(
+        run.status.success() && message.contains("out.session-1.gpkg") && message.contains("--continue"),
+        "{message}"
+    );
+    assert_eq!(fs::read(&kept).unwrap(), fs::read(session()).unwrap());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    assert!(frames(out.join("session.gpkg").to_str().unwrap()) > 100);
+}
+
 /// `tests/golden` holds a session of each version of the file format, as the program of that time wrote it: the drive
 /// "rooms" of 35 m, seed 1. A new version adds its own.
 #[test]

@@ -195,7 +195,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
 /// What has to be put somewhere before it can be read.
 fn unpack(path: &Path, options: &OpenOptions) -> Result<Option<Unpacked>, ReadError> {
     if path == Path::new(STANDARD_INPUT) {
-        return Unpacked::standard_input().map(Some);
+        return Unpacked::standard_input(options).map(Some);
     }
     is_archive(path).then(|| Unpacked::archive(path, options)).transpose()
 }

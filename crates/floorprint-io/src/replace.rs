@@ -88,6 +88,18 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     replace_file(path, |file| file.write_all(bytes))
 }
 
+/// Makes a copy of a whole file, which is on the disk when this returns.
+///
+/// # Errors
+/// When the file cannot be read, or `copy` cannot be written or exists.
+pub fn copy_file(path: &Path, copy: &Path) -> Result<(), WriteError> {
+    let copied = File::create_new(copy).and_then(|mut file| {
+        io::copy(&mut File::open(path)?, &mut file)?;
+        file.sync_all()
+    });
+    copied.map_err(|error| WriteError::io(copy, &error))
+}
+
 fn write_all(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<File> {
     let mut writer = BufWriter::with_capacity(1 << 16, File::create(path)?);
     write(&mut writer)?;

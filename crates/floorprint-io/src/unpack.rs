@@ -4,14 +4,17 @@
 use crate::budget::Budget;
 use crate::data_set::OpenOptions;
 use crate::error::{Problem, ReadError};
+use crate::scratch_folder::ScratchFolder;
 use std::fs::{self, File};
 use std::io::{self, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
 use zip::ZipArchive;
 
 /// The name of standard input as a path.
 pub(crate) const STANDARD_INPUT: &str = "-";
+
+/// Standard input counts as a file of this size: what it may unpack to is what it may be, bytes.
+const STANDARD_INPUT_BYTES: f64 = 256e6;
 
 /// Bytes unpacked at a time.
 const PIECE: usize = 1 << 16;
@@ -19,24 +22,33 @@ const PIECE: usize = 1 << 16;
 /// Files that the user did not name, in folders that are removed with this value.
 #[derive(Debug)]
 pub(crate) struct Unpacked {
-    folders: Vec<TempDir>,
+    folders: Vec<ScratchFolder>,
     /// Where the data set is.
     pub(crate) path: PathBuf,
 }
 
 impl Unpacked {
     /// All of standard input as a file.
-    pub(crate) fn standard_input() -> Result<Self, ReadError> {
-        Self::copied(&mut io::stdin().lock())
+    pub(crate) fn standard_input(options: &OpenOptions) -> Result<Self, ReadError> {
+        let most_bytes = options.max_expansion * STANDARD_INPUT_BYTES;
+        Self::copied(&mut io::stdin().lock(), most_bytes as u64)
     }
 
-    /// All that `reader` gives as a file.
-    fn copied(reader: &mut dyn Read) -> Result<Self, ReadError> {
+    /// All that `reader` gives as a file, if that is at most so much.
+    fn copied(reader: &mut dyn Read, most_bytes: u64) -> Result<Self, ReadError> {
         let refused = |error: io::Error| ReadError::io(Path::new(STANDARD_INPUT), &error);
-        let folder = tempfile::tempdir().map_err(refused)?;
+        let folder = ScratchFolder::create().map_err(refused)?;
         let path = folder.path().join("standard input");
         let mut file = File::create(&path).map_err(refused)?;
-        io::copy(reader, &mut file).map_err(refused)?;
+        if io::copy(&mut reader.take(most_bytes), &mut file).map_err(refused)? == most_bytes
+            && reader.read(&mut [0]).map_err(refused)? > 0
+        {
+            let found = format!("it goes on after {:.0} MB", most_bytes as f64 / 1e6);
+            return Err(Problem::new(Path::new(STANDARD_INPUT), found)
+                .expected("a recorded data set, which ends")
+                .advice("Name the file instead, or allow more with --max-expansion")
+                .into());
+        }
         Ok(Self { folders: vec![folder], path })
     }
 
@@ -58,7 +70,7 @@ impl Unpacked {
         let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| {
             broken(String::new(), error.to_string()).advice("It may have been cut off: fetch it again")
         })?;
-        let folder = tempfile::tempdir().map_err(refused)?;
+        let folder = ScratchFolder::create().map_err(refused)?;
         let mut piece = vec![0; PIECE];
         for index in 0..archive.len() {
             let mut entry =
@@ -186,10 +198,16 @@ mod tests {
 
     #[test]
     fn what_comes_in_is_a_file() {
-        let unpacked = Unpacked::copied(&mut &b"FLASER"[..]).unwrap();
+        let unpacked = Unpacked::copied(&mut &b"FLASER"[..], 6).unwrap();
         assert_eq!(fs::read(&unpacked.path).unwrap(), b"FLASER");
         let inside: ReadError = Problem::new(&unpacked.path, "its content is of no known format").into();
         let named = unpacked.named(&inside, Path::new("-")).to_string();
         assert_eq!(named, "cannot read -: its content is of no known format");
+    }
+
+    #[test]
+    fn what_comes_in_without_end_is_refused() {
+        let error = Unpacked::copied(&mut io::repeat(0), 3_000_000).unwrap_err().to_string();
+        assert!(error.contains("it goes on after 3 MB") && error.contains("--max-expansion"), "{error}");
     }
 }

@@ -114,7 +114,7 @@ pub(super) fn end(
         End::Broken(_, map) => map.clone(),
         End::Localized => nothing_seen(config.map.resolution_m),
     };
-    if let Some(keeper) = keeper {
+    if let Some(keeper) = &mut keeper {
         let target = results.as_ref().map(|results| results.folder().join("session.gpkg"));
         let layers = match &end {
             End::Finished(result) => Some(Layers { session: &result.session, map: &raster, floor: None }),
@@ -149,6 +149,9 @@ pub(super) fn end(
     interrupt.is_finishing();
     let out = results.out;
     results.folder.finish()?;
+    if let Some(keeper) = keeper {
+        keeper.remove();
+    }
     terminal.say(&format!("{} scans; results in {}", counts.steps, out.display()));
     Ok(finished)
 }

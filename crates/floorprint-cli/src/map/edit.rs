@@ -100,7 +100,7 @@ fn restrict(path: &Path, regions: &[Region], out: &Path, terminal: &Terminal) ->
     if let (Some(floor), [Region::Inside(polygon)]) = (&mut stored.floor, regions) {
         *floor = floor.map(|index, center| floor.cells[index].filter(|_| polygon.contains(center)));
     }
-    stored.save(out)?;
+    stored.save_as_new(out)?;
     writeln!(terminal.results(), "{}: {gone:.2} m² of what stood there are taken out", out.display())?;
     Ok(Outcome::Fine)
 }
@@ -123,7 +123,7 @@ impl Rotate {
         let turn = Pose2::new(0.0, 0.0, angle_rad);
         stored.session = stored.session.moved(&turn);
         stored.floor = stored.floor.map(|floor| turned(&floor, &turn));
-        stored.save(&self.out)?;
+        stored.save_as_new(&self.out)?;
         writeln!(terminal.results(), "{}: turned by {:.2}°", self.out.display(), angle_rad.to_degrees())?;
         Ok(Outcome::Fine)
     }

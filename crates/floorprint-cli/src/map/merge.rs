@@ -27,7 +27,7 @@ impl Arguments {
         let (merged, placement) = first
             .merged(&second.session)
             .with_context(|| format!("cannot merge {} and {}", self.first.display(), self.second.display()))?;
-        merged.save(&self.out)?;
+        merged.save_as_new(&self.out)?;
         let mut out = terminal.results();
         if placement == Placement::Placed {
             writeln!(out, "{} was placed on {}", self.second.display(), self.first.display())?;

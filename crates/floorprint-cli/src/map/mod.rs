@@ -144,26 +144,10 @@ impl Stored {
     /// # Errors
     /// A file stands there; nothing was seen in it; the file cannot be written.
     pub fn save_as_new(&self, path: &Path) -> anyhow::Result<()> {
-        ensure_free(path)?;
-        self.save(path)
-    }
-
-    /// Writes it as a new file.
-    fn save(&self, path: &Path) -> anyhow::Result<()> {
         let map = self.map(path)?;
-        let mut file = SessionFile::create(path)?;
-        let mut write = || -> anyhow::Result<()> {
-            file.note("config", &self.config.to_toml())?;
-            file.save(&self.session, &self.config.matcher)?;
-            file.draw(&Layers { session: &self.session, map: &map, floor: self.floor.as_ref() })?;
-            Ok(())
-        };
-        let written = write().and_then(|()| Ok(file.move_to(path)?));
-        if written.is_err() {
-            // The failure that is reported is the first one.
-            let _ = fs::remove_file(path);
-        }
-        written
+        let layers = Layers { session: &self.session, map: &map, floor: self.floor.as_ref() };
+        SessionFile::write_new(path, &layers, &self.config.matcher, &[("config", &self.config.to_toml())])?;
+        Ok(())
     }
 }
 

@@ -63,6 +63,11 @@ CALL(int, fsync, (int file), (file))
 CALL(int, unlink, (const char *path), (path))
 CALL(int, unlinkat, (int folder, const char *path, int flags), (folder, path, flags))
 CALL(int, rmdir, (const char *path), (path))
+CALL(int, link, (const char *from, const char *to), (from, to))
+CALL(int, linkat, (int f, const char *from, int t, const char *to, int flags), (f, from, t, to, flags))
+CALL(int, ftruncate64, (int file, off64_t length), (file, length))
+CALL(ssize_t, pwrite64, (int file, const void *bytes, size_t count, off64_t at), (file, bytes, count, at))
+CALL(ssize_t, copy_file_range, (int f, off64_t *a, int t, off64_t *b, size_t count, unsigned flags), (f, a, t, b, count, flags))
 
 ssize_t write(int file, const void *bytes, size_t count) {
     static ssize_t (*real)(int, const void *, size_t);
@@ -77,16 +82,24 @@ ssize_t write(int file, const void *bytes, size_t count) {
     return result;
 }
 
-int open64(const char *path, int flags, ...) {
-    static int (*real)(const char *, int, ...);
-    if (!real) real = (int (*)(const char *, int, ...))dlsym(RTLD_NEXT, "open64");
-    va_list rest;
-    va_start(rest, flags);
-    mode_t mode = va_arg(rest, int);
-    va_end(rest);
-    long n = 0;
-    if (flags & O_CREAT && fails("open64", &n)) return -1;
-    int result = real(path, flags, mode);
-    if (flags & O_CREAT) after(n);
-    return result;
-}
+/* Opening counts where it may make a file. */
+#define OPEN(name)                                                                                  \
+    int name(const char *path, int flags, ...) {                                                   \
+        static int (*real)(const char *, int, ...);                                                \
+        if (!real) real = (int (*)(const char *, int, ...))dlsym(RTLD_NEXT, #name);                \
+        va_list rest;                                                                              \
+        va_start(rest, flags);                                                                     \
+        mode_t mode = va_arg(rest, int);                                                           \
+        va_end(rest);                                                                              \
+        long n = 0;                                                                                \
+        if (flags & O_CREAT && fails(#name, &n)) return -1;                                        \
+        int result = real(path, flags, mode);                                                      \
+        int kept = errno;                                                                          \
+        if (flags & O_CREAT) after(n);                                                             \
+        errno = kept;                                                                              \
+        return result;                                                                             \
+    }
+
+OPEN(open64)
+/* SQLite's. */
+OPEN(open)

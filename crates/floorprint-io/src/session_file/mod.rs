@@ -10,7 +10,9 @@ mod layers;
 mod tests;
 
 use crate::error::{Problem, ReadError, WriteError};
-use crate::replace::{hidden, sibling, sync_folder};
+use crate::exchange::rename_as_new;
+use crate::replace::{hidden, sync_folder};
+use crate::run_folder::is_at;
 use floorprint::CompactScan;
 use floorprint::back_end::Submap;
 use floorprint::geometry::Pose2;
@@ -21,7 +23,8 @@ use floorprint::texture::TextureMap;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File, TryLockError};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -69,13 +72,49 @@ struct Saved {
     submaps: Vec<Arc<Submap>>,
 }
 
-/// A file in which nothing is saved yet: hidden, and removed when it comes to nothing.
+/// A file that is not where it is to be yet: hidden, and removed when it comes to nothing.
+///
+/// It is locked as long as it is made, so that no other process writes into it, and one that a killed process left is used.
 #[derive(Debug)]
-struct Unborn(PathBuf);
+struct Unborn {
+    path: PathBuf,
+    /// None where the file system knows no locks.
+    lock: Option<File>,
+}
+
+impl Unborn {
+    /// The hidden file, empty, for what is to be at `target`.
+    fn claim(target: &Path) -> Result<Self, WriteError> {
+        let path = hidden(target, "new");
+        let refused = |error: io::Error| WriteError::io(target, &error);
+        loop {
+            let file =
+                File::options().create(true).truncate(false).read(true).write(true).open(&path).map_err(refused)?;
+            let lock = match file.try_lock() {
+                Ok(()) => Some(file),
+                Err(TryLockError::Error(_)) => None,
+                Err(TryLockError::WouldBlock) => {
+                    return Err(Problem::new(target, "another process is writing it")
+                        .advice("Wait for it, or choose another file")
+                        .into());
+                }
+            };
+            // Whoever had it may have finished in between.
+            if lock.as_ref().is_some_and(|file| !is_at(file, &path)) {
+                continue;
+            }
+            File::options().write(true).truncate(true).open(&path).map_err(refused)?;
+            return Ok(Self { path, lock });
+        }
+    }
+}
 
 impl Drop for Unborn {
     fn drop(&mut self) {
-        let _ = fs::remove_file(&self.0);
+        // Only while it is locked and has not been moved to its place: what is there now may be another process's.
+        if self.lock.as_ref().is_none_or(|file| is_at(file, &self.path)) {
+            let _ = fs::remove_file(&self.path);
+        }
     }
 }
 
@@ -87,11 +126,15 @@ impl SessionFile {
     /// When there is a file already, or it cannot be written.
     pub fn create(path: &Path) -> Result<Self, WriteError> {
         refuse_taken(path)?;
-        let unborn = Unborn(hidden(path, "new"));
-        // What a process that was killed at this very moment left.
-        let _ = fs::remove_file(&unborn.0);
+        let (connection, unborn) = Self::make(path)?;
+        Ok(Self { path: path.to_path_buf(), connection, version: FORMAT_VERSION, saved: None, unborn: Some(unborn) })
+    }
+
+    /// The tables of a file that is to be at `path`.
+    fn make(path: &Path) -> Result<(Connection, Unborn), WriteError> {
+        let unborn = Unborn::claim(path)?;
         let make = || -> rusqlite::Result<Connection> {
-            let connection = Connection::open(&unborn.0)?;
+            let connection = Connection::open(&unborn.path)?;
             // If it is cut off it is thrown away: no journal needs to outlive the process.
             connection.pragma_update(None, "journal_mode", "MEMORY")?;
             geopackage::initialise(&connection)?;
@@ -102,22 +145,17 @@ impl SessionFile {
             )?;
             Ok(connection)
         };
-        let connection = make().map_err(|error| write_error(path, &error))?;
-        Ok(Self { path: path.to_path_buf(), connection, version: FORMAT_VERSION, saved: None, unborn: Some(unborn) })
+        Ok((make().map_err(|error| write_error(path, &error))?, unborn))
     }
 
     /// Puts the file where it is to be, now that it holds something.
     fn bring_forth(&mut self) -> Result<(), WriteError> {
         let Some(unborn) = self.unborn.take() else { return Ok(()) };
         let path = &self.path;
-        refuse_taken(path)?;
         let refused = |error: rusqlite::Error| write_error(path, &error);
         let nothing = Connection::open_in_memory().map_err(refused)?;
         std::mem::replace(&mut self.connection, nothing).close().map_err(|(_, error)| refused(error))?;
-        let moved = fs::rename(&unborn.0, path);
-        moved
-            .and_then(|()| sync_folder(path.parent().unwrap_or(Path::new(""))))
-            .map_err(|error| WriteError::io(path, &error))?;
+        put_as_new(&unborn.path, path)?;
         let open = || -> rusqlite::Result<Connection> {
             let connection = Connection::open(path)?;
             // A killed process loses nothing that was saved; the file is consistent even after a loss of power.
@@ -134,17 +172,31 @@ impl SessionFile {
     /// # Errors
     /// When it cannot be written.
     pub fn write(path: &Path, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
-        let unfinished = sibling(path, "unfinished");
-        let _ = fs::remove_file(&unfinished);
-        let written = Self::create(&unfinished).and_then(|mut file| {
-            file.save(session, matcher)?;
-            file.move_to(path)
-        });
-        if written.is_err() {
-            // The failure that is reported is the first one; the leftover may not even exist.
-            let _ = fs::remove_file(&unfinished);
-        }
-        written
+        let (mut connection, unborn) = Self::make(path)?;
+        append(&mut connection, None, session, matcher).map_err(|error| write_error(path, &error))?;
+        connection.close().map_err(|(_, error)| write_error(path, &error))?;
+        settle_log(path)?;
+        put(&unborn.path, path)
+    }
+
+    /// Writes a session with notes and pictures as the file at `path`, which appears whole or not at all.
+    ///
+    /// # Errors
+    /// When there is a file already, or it cannot be written.
+    pub fn write_new(
+        path: &Path,
+        layers: &Layers<'_>,
+        matcher: &MatcherConfig,
+        notes: &[(&str, &str)],
+    ) -> Result<(), WriteError> {
+        let mut file = Self::create(path)?;
+        notes.iter().try_for_each(|(key, value)| file.note(key, value))?;
+        let Self { connection, unborn, .. } = &mut file;
+        append(connection, None, layers.session, matcher).map_err(|error| write_error(path, &error))?;
+        draw(connection, layers).map_err(|error| write_error(path, &error))?;
+        let unborn = unborn.take();
+        file.connection.close().map_err(|(_, error)| write_error(path, &error))?;
+        unborn.map_or(Ok(()), |unborn| put_as_new(&unborn.path, path))
     }
 
     /// Opens the file of an earlier drive.
@@ -199,38 +251,10 @@ impl SessionFile {
     /// # Errors
     /// When it cannot be written; the file is then as it was before.
     pub fn save(&mut self, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
-        let path = self.path.clone();
-        self.append(session, matcher).map_err(|error| write_error(&path, &error))?;
-        self.bring_forth()
-    }
-
-    fn append(&mut self, session: &Session, matcher: &MatcherConfig) -> rusqlite::Result<()> {
-        let state = encode(&session.state(matcher))?;
-        let transaction = self.connection.transaction()?;
-        let is_first = self.saved.is_none();
-        if is_first {
-            transaction.execute_batch(TABLES_OF_VERSION_2)?;
-        }
-        let saved = self.saved.take().unwrap_or_default();
-        {
-            let mut insert =
-                transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_packed_poses VALUES (?1, ?2)")?;
-            for block in saved.settled / POSES_PER_BLOCK..session.frames().div_ceil(POSES_PER_BLOCK) {
-                insert.execute(params![block as i64, &session.packed_poses(block)[..]])?;
-            }
-        }
-        save_key_scans(&transaction, is_first, &saved.scans, session.scans())?;
-        save_submaps(&transaction, is_first, &saved.submaps, session.submaps())?;
-        transaction
-            .execute("INSERT OR REPLACE INTO floorprint_state VALUES (1, ?1, ?2)", params![FORMAT_VERSION, state])?;
-        transaction.commit()?;
+        let saved = append(&mut self.connection, self.saved.as_ref(), session, matcher);
+        self.saved = Some(saved.map_err(|error| write_error(&self.path, &error))?);
         self.version = FORMAT_VERSION;
-        self.saved = Some(Saved {
-            settled: session.settled_frames(),
-            scans: session.scans().iter().map(|scan| scan.frame).collect(),
-            submaps: session.submaps().to_vec(),
-        });
-        Ok(())
+        self.bring_forth()
     }
 
     /// Notes something about the session: the configuration, where the data came from.
@@ -355,29 +379,114 @@ impl SessionFile {
     /// # Errors
     /// When it cannot be written; the file is then as it was before.
     pub fn draw(&mut self, layers: &Layers<'_>) -> Result<(), WriteError> {
-        let draw = || -> rusqlite::Result<()> {
-            let transaction = self.connection.transaction()?;
-            layers.draw(&transaction)?;
-            transaction.commit()
-        };
-        let mut draw = draw;
-        draw().map_err(|error| write_error(&self.path, &error))
+        draw(&mut self.connection, layers).map_err(|error| write_error(&self.path, &error))
     }
 
-    /// Puts everything into the one file, closes it and moves it to where it is to be.
+    /// Puts everything into the one file and closes it; says where it is.
     ///
     /// # Errors
-    /// When it cannot be written or moved; the session is then where it was.
-    pub fn move_to(self, target: &Path) -> Result<(), WriteError> {
-        let Self { path, connection, unborn, .. } = self;
-        let path = unborn.as_ref().map_or(&path, |unborn| &unborn.0);
-        connection.pragma_update(None, "journal_mode", "DELETE").map_err(|error| write_error(path, &error))?;
-        connection.close().map_err(|(_, error)| write_error(path, &error))?;
-        fs::rename(path, target).map_err(|error| WriteError::io(target, &error))
+    /// When it cannot be written; what was saved is then where it was.
+    pub fn close(self) -> Result<PathBuf, WriteError> {
+        let Self { path, connection, unborn: _unborn, .. } = self;
+        connection.pragma_update(None, "journal_mode", "DELETE").map_err(|error| write_error(&path, &error))?;
+        connection.close().map_err(|(_, error)| write_error(&path, &error))?;
+        Ok(path)
     }
 }
 
 pub use layers::Layers;
+
+/// Brings the tables from what they hold (`saved`; `None` before the first save) to `session`, in one piece.
+fn append(
+    connection: &mut Connection,
+    saved: Option<&Saved>,
+    session: &Session,
+    matcher: &MatcherConfig,
+) -> rusqlite::Result<Saved> {
+    let state = encode(&session.state(matcher))?;
+    let transaction = connection.transaction()?;
+    let is_first = saved.is_none();
+    if is_first {
+        transaction.execute_batch(TABLES_OF_VERSION_2)?;
+    }
+    let nothing = Saved::default();
+    let saved = saved.unwrap_or(&nothing);
+    {
+        let mut insert =
+            transaction.prepare_cached("INSERT OR REPLACE INTO floorprint_packed_poses VALUES (?1, ?2)")?;
+        for block in saved.settled / POSES_PER_BLOCK..session.frames().div_ceil(POSES_PER_BLOCK) {
+            insert.execute(params![block as i64, &session.packed_poses(block)[..]])?;
+        }
+    }
+    save_key_scans(&transaction, is_first, &saved.scans, session.scans())?;
+    save_submaps(&transaction, is_first, &saved.submaps, session.submaps())?;
+    transaction
+        .execute("INSERT OR REPLACE INTO floorprint_state VALUES (1, ?1, ?2)", params![FORMAT_VERSION, state])?;
+    transaction.commit()?;
+    Ok(Saved {
+        settled: session.settled_frames(),
+        scans: session.scans().iter().map(|scan| scan.frame).collect(),
+        submaps: session.submaps().to_vec(),
+    })
+}
+
+/// Draws the standard tables, in one piece.
+fn draw(connection: &mut Connection, layers: &Layers<'_>) -> rusqlite::Result<()> {
+    let transaction = connection.transaction()?;
+    layers.draw(&transaction)?;
+    transaction.commit()
+}
+
+/// What SQLite keeps beside a file until it is closed.
+fn logs_of(path: &Path) -> [PathBuf; 3] {
+    ["-wal", "-shm", "-journal"].map(|ending| {
+        let mut name = path.file_name().unwrap_or_default().to_os_string();
+        name.push(ending);
+        path.with_file_name(name)
+    })
+}
+
+/// Takes away what SQLite would read into the file that is put at `path`: the log that a killed process left. What it says
+/// goes into the file to which it belongs, if that is still there.
+fn settle_log(path: &Path) -> Result<(), WriteError> {
+    if logs_of(path).iter().all(|log| fs::symlink_metadata(log).is_err()) {
+        return Ok(());
+    }
+    if path.is_file()
+        && let Ok(connection) = Connection::open(path)
+    {
+        // What is no database has no log either.
+        let _ = connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
+        let _ = connection.close();
+    }
+    for log in logs_of(path) {
+        match fs::remove_file(&log) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(WriteError::io(&log, &error)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Moves a whole file to its place.
+fn put(from: &Path, path: &Path) -> Result<(), WriteError> {
+    fs::rename(from, path)
+        .and_then(|()| sync_folder(path.parent().unwrap_or(Path::new(""))))
+        .map_err(|error| WriteError::io(path, &error))
+}
+
+/// Moves a whole file to its place, at which nothing may stand.
+fn put_as_new(from: &Path, path: &Path) -> Result<(), WriteError> {
+    refuse_taken(path)?;
+    settle_log(path)?;
+    match rename_as_new(from, path) {
+        Ok(()) => sync_folder(path.parent().unwrap_or(Path::new(""))).map_err(|error| WriteError::io(path, &error)),
+        Err(error) if error.kind() == io::ErrorKind::Unsupported => put(from, path),
+        // Somebody was quicker.
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Err(taken(path)),
+        Err(error) => Err(WriteError::io(path, &error)),
+    }
+}
 
 /// Brings the table of key scans from what it holds (`before`: their frames) to `scans`. A key scan's number is that of its
 /// frame; in earlier files they were counted, so that the first save writes all anew.
@@ -429,10 +538,11 @@ fn save_submaps(
 }
 
 fn refuse_taken(path: &Path) -> Result<(), WriteError> {
-    if fs::symlink_metadata(path).is_err() {
-        return Ok(());
-    }
-    Err(Problem::new(path, "a file stands there").advice("Choose another name, or remove it").into())
+    if fs::symlink_metadata(path).is_err() { Ok(()) } else { Err(taken(path)) }
+}
+
+fn taken(path: &Path) -> WriteError {
+    Problem::new(path, "a file stands there").advice("Choose another name, or remove it").into()
 }
 
 fn encode<T: Serialize>(value: &T) -> rusqlite::Result<Vec<u8>> {

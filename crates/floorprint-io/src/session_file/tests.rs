@@ -104,3 +104,49 @@ fn a_file_of_the_first_version_becomes_one_of_this_with_the_first_save() {
     let integrity: String = file.connection.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
     assert_eq!(integrity, "ok");
 }
+
+#[test]
+fn a_log_that_a_killed_process_left_is_not_read_into_a_new_file() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("../floorprint-cli/tests/golden/session-format-1.gpkg");
+    let session = SessionFile::read(&golden).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let (killed, path) = (folder.path().join("killed.gpkg"), folder.path().join("new.gpkg"));
+    let mut file = SessionFile::create(&killed).unwrap();
+    file.save(&session, &MatcherConfig::default()).unwrap();
+    file.note("what", "an old one").unwrap();
+    let leave_logs = || {
+        for (from, to) in logs_of(&killed).iter().zip(logs_of(&path)).take(2) {
+            fs::copy(from, to).unwrap();
+        }
+    };
+    // The file itself was removed, its log was not.
+    leave_logs();
+    let mut new = SessionFile::create(&path).unwrap();
+    new.save(&session, &MatcherConfig::default()).unwrap();
+    new.close().unwrap();
+    let notes = |path: &Path| SessionFile::open(path).unwrap().notes().unwrap();
+    assert!(!notes(&path).contains_key("what"));
+    // Nor is it where the file is there, and another one takes its place.
+    fs::copy(&killed, &path).unwrap();
+    leave_logs();
+    assert!(notes(&path).contains_key("what"));
+    fs::copy(&killed, &path).unwrap();
+    leave_logs();
+    SessionFile::write(&path, &session, &MatcherConfig::default()).unwrap();
+    assert!(!notes(&path).contains_key("what"));
+    assert_eq!(SessionFile::read(&path).unwrap().frames(), session.frames());
+}
+
+#[test]
+fn one_process_makes_a_file_and_what_a_killed_one_left_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("new.gpkg");
+    let left = hidden(&path, "new");
+    fs::write(&left, "half of a file").unwrap();
+    let first = SessionFile::create(&path).unwrap();
+    let error = SessionFile::create(&path).unwrap_err().to_string();
+    assert!(error.contains("another process is writing it"), "{error}");
+    drop(first);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    assert!(SessionFile::create(&path).is_ok());
+}
