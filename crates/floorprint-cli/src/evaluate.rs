@@ -314,6 +314,24 @@ fn print_statistics(out: &mut impl Write, name: &str, statistics: Option<&ErrorS
         writeln!(out, "{name:<16}{:>9}", "none")?;
         return Ok(());
     };
-    writeln!(out, "{name:<16}{rmse:>9.4}{mean:>9.4}{std:>9.4}{median:>9.4}{max:>9.4}{count:>9}")?;
+    let cells = [rmse, mean, std, median, max].map(|value| format!(" {:>8}", in_eight(*value))).concat();
+    writeln!(out, "{name:<16}{cells}{count:>9}")?;
     Ok(())
+}
+
+/// A value in at most eight characters: with four decimals, or as many as there is room for.
+fn in_eight(value: f64) -> String {
+    let with = |decimals: usize| format!("{value:.decimals$}");
+    (0..=4).rev().map(with).find(|text| text.len() <= 8).unwrap_or_else(|| format!("{value:.1e}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stay_apart_however_large_the_errors_are() {
+        let cells = [0.00012, 1.5, 123.456_78, 12_345.678_9, 1_234_567.8, 123_456_789.0, 1e30, f64::NAN].map(in_eight);
+        assert_eq!(cells, ["0.0001", "1.5000", "123.4568", "12345.68", "1234568", "1.2e8", "1.0e30", "NaN"]);
+    }
 }

@@ -184,11 +184,10 @@ impl Info {
         if let Some(lidar) = &self.lidar {
             writeln!(
                 out,
-                "\n{HEADING}LiDAR{HEADING:#} {} rays over {:.1}°, {} to {} m; {:.1} % of the rays hit something, {:.1} % came back empty",
+                "\n{HEADING}LiDAR{HEADING:#} {} rays over {:.1}°, {}; {:.1} % of the rays hit something, {:.1} % came back empty",
                 lidar.rays,
                 lidar.field_of_view_deg,
-                lidar.range_min_m,
-                lidar.range_max_m,
+                ranges_in_words(lidar.range_min_m, lidar.range_max_m),
                 100.0 * lidar.hit_share,
                 100.0 * lidar.no_return_share
             )?;
@@ -261,6 +260,15 @@ impl Stream {
     }
 }
 
+/// From where to where a LiDAR measures; text logs and bags may state no end.
+fn ranges_in_words(range_min_m: f32, range_max_m: f32) -> String {
+    if range_max_m.is_finite() {
+        format!("{range_min_m} to {range_max_m} m")
+    } else {
+        format!("from {range_min_m} m on, no farthest range stated")
+    }
+}
+
 impl Lidar {
     fn of<'a>(scans: impl Iterator<Item = &'a Scan>) -> Option<Self> {
         let mut scans = scans.peekable();
@@ -307,5 +315,11 @@ mod tests {
         assert_eq!((stream.gaps, stream.backwards, stream.readings), (1, 1, 6));
         assert!((stream.largest_gap_s - 1.0).abs() < 1e-9);
         assert!(Stream::of("IMU", &[]).is_none());
+    }
+
+    #[test]
+    fn a_range_without_an_end_is_told_in_words() {
+        assert_eq!(ranges_in_words(0.1, 30.0), "0.1 to 30 m");
+        assert_eq!(ranges_in_words(0.001, f32::INFINITY), "from 0.001 m on, no farthest range stated");
     }
 }

@@ -16,7 +16,8 @@ pub(crate) struct Arguments {
     /// Folder to make.
     #[arg(long, value_name = "DIR", required_unless_present = "schema")]
     out: Option<PathBuf>,
-    /// World to drive through.
+    /// World to drive through. "campus" and the maneuvers bring the LiDAR and the pace of a robot of their own, unless
+    /// --config is given.
     #[arg(long, value_name = "NAME", default_value = "rooms", value_parser = PossibleValuesParser::new(World::names()))]
     world: String,
     /// Seed of the world's furniture and of all errors of the sensors.
@@ -44,7 +45,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         return Ok(Outcome::Fine);
     };
     let config = match &arguments.config {
-        None => SimulationConfig::default(),
+        None => robot_of(&arguments.world),
         Some(path) => {
             let unusable = |what: &str| {
                 BadArguments(format!("cannot use the simulation's settings in {}: {what}", path.display()))
@@ -63,6 +64,18 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     terminal
         .say(&format!("{:.0} s through \"{world}\" written; solve it with: floorprint run {out}", drive.duration_s()));
     Ok(Outcome::Fine)
+}
+
+/// The robot that drives through a world: that of the course, with the LiDAR, the pace and the faults of the world's own one.
+/// Mounts, wheels and gyro stay the course's, for they are not in its files.
+fn robot_of(world: &str) -> SimulationConfig {
+    let course = SimulationConfig::default();
+    match World::own_robot(world) {
+        Some(own) => {
+            SimulationConfig { robot: course.robot, pose_odometry: course.pose_odometry, imu: course.imu, ..own }
+        }
+        None => course,
+    }
 }
 
 /// Writes a drive with a progress bar.
@@ -103,6 +116,19 @@ pub fn write_simulation(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_world_with_a_robot_of_its_own_is_driven_through_by_that() {
+        for world in ["campus", "spin"] {
+            let (robot, own) = (robot_of(world), World::own_robot(world).unwrap());
+            assert_eq!((&robot.lidar, &robot.motion, &robot.faults), (&own.lidar, &own.motion, &own.faults));
+            robot.validate().unwrap();
+            assert_eq!((robot.robot, robot.imu), (SimulationConfig::default().robot, SimulationConfig::default().imu));
+            assert!(robot.pose_odometry.is_none());
+        }
+        assert!(robot_of("campus").lidar.range_max_m >= 80.0);
+        assert_eq!(robot_of("rooms"), SimulationConfig::default());
+    }
 
     #[test]
     fn the_settings_and_faults_in_the_documentation_are_what_is_read() {

@@ -571,6 +571,11 @@ fn a_benchmark_tells_first_what_cannot_work_and_goes_on_past_a_broken_log() {
         table.contains("| drive    | fast   | 1    |") && table.contains("No figures from broken, fast"),
         "{table}"
     );
+    // What cannot be done with one seed is not tried with five.
+    let output = floorprint(&["bench", broken.to_str().unwrap(), "--preset", "seed", "--seeds", "5", "--out", out]);
+    let figures: serde_json::Value =
+        serde_json::from_slice(&fs::read(Path::new(out).join("bench.json")).unwrap()).unwrap();
+    assert_eq!(figures["failures"].as_array().unwrap().len(), 1, "{}", text(&output.stderr));
 }
 
 #[test]

@@ -10,6 +10,9 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// How the names of data sets end that are one file, before `.gz`.
+const ENDINGS: [&str; 6] = [".clf", ".log", ".dat", ".bag", ".mcap", ".db3"];
+
 /// A data set to measure on.
 #[derive(Debug, PartialEq)]
 pub(crate) struct DataSet {
@@ -47,8 +50,11 @@ pub(crate) fn find(paths: &[PathBuf]) -> anyhow::Result<Vec<DataSet>> {
         let before = found.len();
         look_into(path, &mut found).with_context(|| format!("cannot look into {}", path.display()))?;
         if found.len() == before {
-            let expected = "expected .clf, .log or .dat files (also .gz), or ECE276A folders";
-            bail!("no data sets in {}; {expected}", path.display());
+            let (last, others) = ENDINGS.split_last().unwrap_or((&"", &[]));
+            let (path, others) = (path.display(), others.join(", "));
+            bail!(
+                "no data sets in {path}; expected {others} or {last} files (also .gz), or folders of ECE276A or rosbag2"
+            );
         }
     }
     let mut data_sets: Vec<DataSet> = Vec::new();
@@ -85,7 +91,7 @@ fn look_into(path: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
         let log = name.strip_suffix(".gz").unwrap_or(&name);
         if entry.is_dir() {
             look_into(&entry, found)?;
-        } else if [".clf", ".log", ".dat", ".bag", ".mcap", ".db3"].iter().any(|ending| log.ends_with(ending)) {
+        } else if ENDINGS.iter().any(|ending| log.ends_with(ending)) {
             found.push(entry);
         }
     }
@@ -109,6 +115,12 @@ mod tests {
         let names: Vec<String> =
             find(&[folder.path().to_path_buf()]).unwrap().into_iter().map(|data_set| data_set.name).collect();
         assert_eq!(names, ["drive", "drive-2", "c", "d", "e"]);
+        let empty = folder.path().join("empty");
+        fs::create_dir(&empty).unwrap();
+        let error = find(&[empty]).unwrap_err().to_string();
+        for expected in ENDINGS.iter().chain(&["ECE276A", "rosbag2"]) {
+            assert!(error.contains(expected), "{error}");
+        }
         let message = find(&[folder.path().join("f")]).unwrap_err().to_string();
         assert!(message.contains("no such file"), "{message}");
     }

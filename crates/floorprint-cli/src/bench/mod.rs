@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
     /// Preset to measure. Can be repeated [default: all; of --growth: default].
     #[arg(long, value_name = "NAME", value_parser = |name: &str| name.parse::<Preset>())]
     preset: Vec<Preset>,
-    /// Number of seeds [default: 5; of --growth: 1].
+    /// Number of seeds [default: 5; of --growth: 1]. What fails with the first one is not tried with the others.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: Option<u64>,
     /// Threads of each run.
@@ -226,6 +226,12 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let progress = terminal.progress("measuring", "runs", work.len());
     for (case, preset, seed) in work {
         let (name, preset) = (case.name(), preset.name().to_owned());
+        // What fails with the first seed is not tried with the others: most often the log has not what the preset needs.
+        let is_hopeless = |failure: &Failure| failure.name == name && failure.preset == preset && failure.seed == 0;
+        if benchmark.failures.iter().any(is_hopeless) {
+            progress.inc(1);
+            continue;
+        }
         let measured = arguments.measure(case, &preset, seed, &interrupt);
         if interrupt.requested() {
             // What was interrupted is no measurement.

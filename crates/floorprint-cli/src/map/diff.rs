@@ -28,9 +28,9 @@ pub(crate) struct Arguments {
     /// Walls that moved by no more than this did not change, metres.
     #[arg(long, value_name = "METRES", default_value_t = 0.15, value_parser = number(0.0, 10.0))]
     tolerance: f64,
-    /// Patches smaller than this are left out, square metres.
-    #[arg(long, value_name = "AREA", default_value_t = 0.02, value_parser = number(0.0, 1e6))]
-    least_area: f64,
+    /// Patches smaller than this are left out, square metres [default: 8 cells of the coarser map].
+    #[arg(long, value_name = "AREA", value_parser = number(0.0, 1e6))]
+    least_area: Option<f64>,
     /// Print GeoJSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -42,7 +42,8 @@ const GONE: Color = [220, 38, 38];
 impl Arguments {
     pub(super) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Outcome> {
         let [before, after] = self.maps()?;
-        let patches = difference(&before, &after, self.tolerance, self.least_area);
+        let least_area_m2 = self.least_area.unwrap_or_else(|| least_area_m2(&before, &after));
+        let patches = difference(&before, &after, self.tolerance, least_area_m2);
         let document = geojson(patches.iter().map(|patch| (patch, None))).to_string() + "\n";
         if let Some(folder) = &self.out {
             fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
@@ -79,6 +80,13 @@ impl Arguments {
                 .into()
         })
     }
+}
+
+/// What is smaller may be what two drives made of one edge that lies between two cells.
+const LEAST_CELLS: f64 = 8.0;
+
+fn least_area_m2(before: &Raster<Occupancy>, after: &Raster<Occupancy>) -> f64 {
+    LEAST_CELLS * before.resolution_m.max(after.resolution_m).powi(2)
 }
 
 fn is_session(path: &Path) -> bool {
@@ -179,4 +187,22 @@ pub(crate) fn figure<'a>(before: &Raster<Occupancy>, patches: impl Iterator<Item
         }
     }
     figure
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_counts_is_so_many_cells_of_the_coarser_map() {
+        let map = |resolution_m: f64| Raster {
+            width: 1,
+            height: 1,
+            resolution_m,
+            origin_m: [0.0; 2],
+            cells: vec![Occupancy::Unknown],
+        };
+        assert!((least_area_m2(&map(0.05), &map(0.05)) - 0.02).abs() < 1e-12);
+        assert!((least_area_m2(&map(0.05), &map(0.1)) - 0.08).abs() < 1e-12);
+    }
 }
