@@ -321,9 +321,10 @@ impl Sessions {
             fs::remove_file(&result).unwrap();
         }
         let output = self.command(number, place).output().unwrap();
-        let kept = self.check(number, place, &output, how);
+        self.check(number, place, &output, how);
         assert!(output.status.success(), "{how}: {}", String::from_utf8_lossy(&output.stderr));
-        let others = names(place).len() - kept - 1;
+        // An empty journal of SQLite's may stay beside a kept session.
+        let others = names(place).iter().filter(|name| !name.starts_with("out.session-")).count() - 1;
         // Complete results of a run that was killed just before they were put into place are put beside it.
         assert!(others == 0 || names(place).contains(&"out-2".to_owned()), "{how}: {:?}", names(place));
     }

@@ -4,8 +4,8 @@
 
 mod simulation;
 
-use floorprint::simulator::Fault;
-use simulation::{Outcome, solve};
+use floorprint::simulator::{Fault, SimulationConfig};
+use simulation::{Outcome, quick, solve, solve_as};
 
 /// Drives on which the robot moves while the faults last.
 const DRIVES: [(&str, u64); 4] = [("rooms", 1), ("rooms", 2), ("rooms", 3), ("pillars", 1)];
@@ -123,6 +123,42 @@ fn gaps_and_crowds_are_no_kidnapping() {
         assert!(outcome.result.kidnappings.is_empty(), "{seed}, {fault:?}: {outcome}");
         assert!(outcome.error.translation_m.max < 0.05, "{seed}, {fault:?}: {outcome}");
     }
+}
+
+/// LiDARs that see little, and gaps where places look alike: the odometry was good, and the scans alone put the robot 5 to 20 m
+/// from where it was.
+#[test]
+fn sparse_lidars_and_gaps_do_not_lose_a_robot_with_good_odometry() {
+    let gap = |from_s: f64, for_s: f64| vec![Fault::LidarDropout { from_s, for_s }];
+    for (world, seed, range_max_m, faults, most_m) in [
+        ("pillars", 1, 3.0, vec![], 1.0),
+        ("loop", 2, 80.0, gap(29.0, 15.0), 0.1),
+        ("look_alike", 2, 80.0, gap(72.0, 5.0), 0.2),
+        ("identical_rooms", 1, 80.0, gap(165.0, 5.0), 0.2),
+    ] {
+        let mut simulation = SimulationConfig { faults, ..quick() };
+        let lidar = &mut simulation.lidar;
+        (lidar.beams, lidar.field_of_view_rad, lidar.rate_hz) = (180, std::f64::consts::PI, 5.0);
+        lidar.range_max_m = range_max_m;
+        let outcome = solve_as(world, seed, simulation, "");
+        let largest_m = outcome.error.translation_m.max;
+        assert!(outcome.result.kidnappings.is_empty() && largest_m < most_m, "{world} {seed}: {outcome}");
+        // What is left is within what is stated.
+        let stated_m = outcome.result.uncertainties.iter().map(|stated| 2.45 * stated.sigma_m).fold(0.0, f64::max);
+        assert!(largest_m < stated_m, "{world} {seed}, {stated_m} m: {outcome}");
+    }
+}
+
+/// Thirty rays show too little to correct wheels that are 10 % off; that is said.
+#[test]
+fn what_thirty_rays_do_not_show_is_stated_to_be_uncertain() {
+    let mut simulation = quick();
+    (simulation.lidar.beams, simulation.wheels.scale_error) = (30, 0.1);
+    let outcome = solve_as("rooms", 0, simulation, "");
+    let largest_m = outcome.error.translation_m.max;
+    assert!(largest_m < 1.1 * outcome.dead_reckoning.translation_m.max, "{outcome}");
+    let stated_m = outcome.result.uncertainties.iter().map(|stated| 2.45 * stated.sigma_m).fold(0.0, f64::max);
+    assert!(largest_m < stated_m, "{stated_m} m: {outcome}");
 }
 
 /// The robot is carried to a place that it saw before: the map begins anew there, is found on the old one, and the whole
