@@ -19,6 +19,8 @@ pub(crate) struct SessionKeeper {
     path: PathBuf,
     /// Whether the file is the user's own, and stays.
     is_in_place: bool,
+    /// Whether there is a file that holds something.
+    is_saved: bool,
     file: Option<SessionFile>,
     period: Duration,
     due: Instant,
@@ -57,17 +59,30 @@ impl SessionKeeper {
         notes: Vec<(&'static str, String)>,
     ) -> anyhow::Result<Self> {
         let file = if path.exists() { Some(SessionFile::open(path)?) } else { None };
-        Ok(Self { is_in_place: true, ..Self::new(path.to_path_buf(), file, terminal, notes) })
+        let mut keeper = Self::new(path.to_path_buf(), file, terminal, notes);
+        keeper.is_in_place = true;
+        Ok(keeper)
     }
 
     fn new(path: PathBuf, file: Option<SessionFile>, terminal: &Terminal, notes: Vec<(&'static str, String)>) -> Self {
         let (due, terminal) = (Instant::now() + PERIOD, terminal.clone());
-        Self { path, is_in_place: false, file, period: PERIOD, due, terminal, notes, has_failed: false }
+        Self {
+            path,
+            is_in_place: false,
+            is_saved: false,
+            file,
+            period: PERIOD,
+            due,
+            terminal,
+            notes,
+            has_failed: false,
+        }
     }
 
     /// The same, saving this often.
-    pub(crate) fn every(self, period: Duration) -> Self {
-        Self { period, due: Instant::now() + period, ..self }
+    pub(crate) fn every(mut self, period: Duration) -> Self {
+        (self.period, self.due) = (period, Instant::now() + period);
+        self
     }
 
     /// Saves when it is time to.
@@ -150,10 +165,11 @@ impl SessionKeeper {
     }
 
     /// Takes the file away, unless it is the user's own, now that the folder with the copy of it is in place.
-    pub(crate) fn remove(self) {
+    pub(crate) fn remove(mut self) {
         if !self.is_in_place {
             let _ = fs::remove_file(&self.path);
         }
+        self.is_saved = false;
     }
 
     fn save(&mut self, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
@@ -165,6 +181,18 @@ impl SessionKeeper {
                 file
             }
         };
-        self.file.insert(file).save(session, matcher)
+        self.file.insert(file).save(session, matcher)?;
+        self.is_saved = true;
+        Ok(())
+    }
+}
+
+impl Drop for SessionKeeper {
+    /// Says where the session is of a run that came to nothing.
+    fn drop(&mut self) {
+        if self.is_saved && !self.is_in_place {
+            self.terminal
+                .warn(&format!("what was seen is kept in {}; --continue goes on from it", self.path.display()));
+        }
     }
 }

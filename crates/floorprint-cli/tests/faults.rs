@@ -309,7 +309,10 @@ impl Sessions {
             assert!(result.is_some() || Path::new(path).exists(), "{how}: {message} {:?}", files(place));
         }
         let kept = made.iter().filter(|(path, _)| path.parent() == Some(place) && !path.ends_with("both.gpkg"));
-        kept.count()
+        let kept = kept.count();
+        // A run that fails says what it leaves.
+        assert!(kept == 0 || output.status.code() != Some(1) || message.contains("is kept in"), "{how}: {message}");
+        kept
     }
 
     /// Whatever was left is in nobody's way, and goes, but for kept sessions.

@@ -26,6 +26,33 @@ fn the_tables_of_the_benchmark_are_those_of_the_stored_figures() {
 }
 
 #[test]
+fn the_program_gives_the_stored_figures_of_a_world() {
+    let folder = tempfile::tempdir().unwrap();
+    let verify = |stored: &Path| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_floorprint"));
+        command.args(["bench", "--world", "large_hall", "--beams", "180", "--rate-hz", "5", "--range-m", "80"]);
+        command.args(["--field-of-view-deg", "180", "--preset", "default", "--out"]).arg(folder.path().join("runs"));
+        let output = command.arg("--verify").arg(stored).output().unwrap();
+        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let stored = repository().join("bench/sparse-worlds.json");
+    let (is_same, message) = verify(&stored);
+    assert!(is_same && message.contains("1 runs give the stored figures"), "{message}");
+    // A figure that was changed by hand is found.
+    let mut figures: serde_json::Value = serde_json::from_slice(&fs::read(&stored).unwrap()).unwrap();
+    let rows = figures["worlds"].as_array_mut().unwrap();
+    let row = rows.iter_mut().find(|row| row["name"] == "large_hall").unwrap();
+    row["runs"][0]["end_m"] = serde_json::json!(0.0123);
+    let changed = folder.path().join("changed.json");
+    fs::write(&changed, figures.to_string()).unwrap();
+    let (is_same, message) = verify(&changed);
+    assert!(
+        !is_same && message.contains("large_hall, default, seed 0: error at the end 0.0123 is now 0."),
+        "{message}"
+    );
+}
+
+#[test]
 fn the_program_gives_the_stored_figures() {
     let data = std::env::var_os("FLOORPRINT_DATA").map_or_else(|| repository().join("../shared/data"), PathBuf::from);
     let log = data.join("relations/mit-csail");

@@ -3,7 +3,8 @@
 //! A table stands between two comments, of which the first names the stored `bench.json`, beside the document
 //! or below, and the table: `<!-- bench bench/logs.json accuracy -->` and `<!-- end of bench -->`.
 
-use super::{Arguments, Benchmark, Case, Row, cases, table};
+use super::run::Run;
+use super::{Arguments, Benchmark, Case, cases, table};
 use crate::interrupt::Interrupt;
 use crate::outcome::Outcome;
 use crate::terminal::Terminal;
@@ -53,7 +54,8 @@ fn rendered(text: &str, stored: &dyn Fn(&str) -> anyhow::Result<Benchmark>) -> a
     Ok(done + rest)
 }
 
-/// Measures the data sets of stored figures again, as far as chance has no part in them.
+/// Measures data sets and worlds of stored figures again: of data sets what chance has no part in, of worlds and offices the
+/// seeds that are asked for (one by default), for theirs is chance of the simulation.
 ///
 /// # Errors
 /// The figures cannot be read, a run fails, or there is nothing to compare.
@@ -65,13 +67,19 @@ pub(super) fn verify(arguments: &Arguments, stored: &Path, terminal: &Terminal) 
     let mut compared = 0;
     let mut different = Vec::new();
     for case in cases(arguments)? {
-        let Case::DataSet(_) = &case else { continue };
-        let rows = benchmark.data_sets.iter().filter(|row| row.name == case.name());
-        for Row { name, preset, runs } in rows {
-            let [run] = &runs[..] else { continue };
-            if !(arguments.preset.is_empty() || arguments.preset.iter().any(|chosen| chosen.name() == preset)) {
-                continue;
-            }
+        let (rows, is_simulated) = match &case {
+            Case::DataSet(_) => (&benchmark.data_sets, false),
+            Case::World(_) => (&benchmark.worlds, true),
+            Case::Office { .. } => (&benchmark.growth, true),
+        };
+        let chosen =
+            |preset: &str| arguments.preset.is_empty() || arguments.preset.iter().any(|chosen| chosen.name() == preset);
+        let seeds = arguments.seeds.unwrap_or(1);
+        let runs = rows.iter().filter(|row| row.name == case.name() && chosen(&row.preset)).flat_map(|row| {
+            let is_meant = move |run: &&Run| if is_simulated { run.seed < seeds } else { row.runs.len() == 1 };
+            row.runs.iter().filter(is_meant).map(move |run| (&row.name, &row.preset, run))
+        });
+        for (name, preset, run) in runs {
             let now = arguments.measure(&case, preset, run.seed, &interrupt)?;
             if interrupt.requested() {
                 return Ok(Outcome::Interrupted);
@@ -83,6 +91,12 @@ pub(super) fn verify(arguments: &Arguments, stored: &Path, terminal: &Terminal) 
                 ("largest error", run.largest_m, now.largest_m),
                 ("odometry", run.odometry_m, now.odometry_m),
                 ("length", Some(run.length_m), Some(now.length_m)),
+                ("error at the end", run.end_m, now.end_m),
+                (
+                    "closures",
+                    run.closures.map(|closures| closures as f64),
+                    now.closures.map(|closures| closures as f64),
+                ),
             ];
             for (figure, then, now) in figures {
                 let is_same = match (then, now) {
@@ -91,12 +105,21 @@ pub(super) fn verify(arguments: &Arguments, stored: &Path, terminal: &Terminal) 
                 };
                 if !is_same {
                     let in_words = |value: Option<f64>| value.map_or("none".to_owned(), |value| value.to_string());
-                    different.push(format!("{name}, {preset}: {figure} {} is now {}", in_words(then), in_words(now)));
+                    different.push(format!(
+                        "{name}, {preset}, seed {}: {figure} {} is now {}",
+                        run.seed,
+                        in_words(then),
+                        in_words(now)
+                    ));
                 }
             }
         }
     }
-    ensure!(compared > 0, "{} holds none of these data sets with a preset that draws nothing", stored.display());
+    ensure!(
+        compared > 0,
+        "{} holds none of these worlds, and none of these data sets with a preset that draws nothing",
+        stored.display()
+    );
     if !different.is_empty() {
         bail!("{} is stale:\n  {}", stored.display(), different.join("\n  "));
     }

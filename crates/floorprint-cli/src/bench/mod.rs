@@ -101,8 +101,8 @@ pub(crate) struct Arguments {
     /// Make the tables in this Markdown file anew from the stored figures that it names, instead.
     #[arg(long, value_name = "FILE", conflicts_with = "schema")]
     render: Option<PathBuf>,
-    /// Measure what this stored bench.json holds of the data sets and does not depend on chance once more,
-    /// instead; fail where a figure differs.
+    /// Measure what this stored bench.json holds of the data sets and does not depend on chance once more, and of the worlds
+    /// with the first seeds [default: 1], instead; fail where a figure differs.
     #[arg(long, value_name = "JSON", conflicts_with_all = ["schema", "render"])]
     verify: Option<PathBuf>,
 }
