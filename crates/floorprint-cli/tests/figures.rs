@@ -61,14 +61,17 @@ fn the_program_gives_the_stored_figures() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let verify = |stored: &Path| {
+    let verify_of = |log: &Path, stored: &Path| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_floorprint"));
-        command.arg("bench").arg(&log).arg("--verify").arg(stored).args(["--preset", "fast", "--out"]);
+        command.arg("bench").arg(log).arg("--verify").arg(stored).args(["--preset", "fast", "--out"]);
         command.arg(folder.path().join("runs")).output().unwrap()
     };
+    let verify = |stored: &Path| verify_of(&log, stored);
     let stored = repository().join("bench/logs.json");
-    let output = verify(&stored);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let drive = (data.join("ece276a/semi20"), repository().join("bench/drives.json"));
+    for output in [verify(&stored), verify_of(&drive.0, &drive.1)] {
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
     // A figure that is not the program's is found.
     let mut figures: serde_json::Value = serde_json::from_slice(&fs::read(&stored).unwrap()).unwrap();
     let rows = figures["data_sets"].as_array_mut().unwrap();

@@ -1,7 +1,8 @@
 //! Documents whose tables come from stored figures, and the check that the figures still hold.
 //!
 //! A table stands between two comments, of which the first names the stored `bench.json`, beside the document
-//! or below, and the table: `<!-- bench bench/logs.json accuracy -->` and `<!-- end of bench -->`.
+//! or below, and the table: `<!-- bench bench/logs.json accuracy -->` and `<!-- end of bench -->`. Of several files, with commas
+//! between them, the rows stand together, each with the settings that its file was measured with.
 
 use super::run::Run;
 use super::{Arguments, Benchmark, Case, cases, table};
@@ -46,12 +47,39 @@ fn rendered(text: &str, stored: &dyn Fn(&str) -> anyhow::Result<Benchmark>) -> a
     while let Some((before, behind)) = rest.split_once(BEGIN) {
         let (mark, old) = behind.split_once(CLOSE).context("a mark of a table without its end")?;
         let (_old, after) = old.split_once(END).with_context(|| format!("the table {mark} has no \"{END}\""))?;
-        let (file, name) = mark.split_once(' ').with_context(|| format!("no table is named in \"{mark}\""))?;
-        let new = table::named(&stored(file)?, name).with_context(|| format!("no table is called {name}"))?;
+        let (files, name) = mark.split_once(' ').with_context(|| format!("no table is named in \"{mark}\""))?;
+        let benchmark = match files.split(',').collect::<Vec<_>>()[..] {
+            [file] => stored(file)?,
+            [first, ref others @ ..] => {
+                let together = with_settings(stored(first)?);
+                others
+                    .iter()
+                    .try_fold(together, |together, file| anyhow::Ok(joined(together, with_settings(stored(file)?))))?
+            }
+            [] => bail!("no file is named in \"{mark}\""),
+        };
+        let new = table::named(&benchmark, name).with_context(|| format!("no table is called {name}"))?;
         done.push_str(&format!("{before}{BEGIN}{mark}{CLOSE}\n\n{}\n{END}", new));
         rest = after;
     }
     Ok(done + rest)
+}
+
+/// The same, with the settings in the names of the rows.
+fn with_settings(mut benchmark: Benchmark) -> Benchmark {
+    let settings = benchmark.settings.iter().map(|setting| format!(", {setting}")).collect::<String>();
+    for row in benchmark.data_sets.iter_mut().chain(&mut benchmark.worlds).chain(&mut benchmark.growth) {
+        row.name.push_str(&settings);
+    }
+    benchmark
+}
+
+/// The rows of both.
+fn joined(mut first: Benchmark, other: Benchmark) -> Benchmark {
+    first.data_sets.extend(other.data_sets);
+    first.worlds.extend(other.worlds);
+    first.growth.extend(other.growth);
+    first
 }
 
 /// Measures data sets and worlds of stored figures again: of data sets what chance has no part in, of worlds and offices the
@@ -153,6 +181,19 @@ mod tests {
         assert!(once.starts_with("a\n") && once.ends_with("\nb\n"), "{once}");
         assert_eq!(rendered(&once, &stored).unwrap(), once);
         assert_eq!(rendered("no table", &stored).unwrap(), "no table");
+    }
+
+    #[test]
+    fn rows_of_several_files_stand_together_with_their_settings() {
+        let few_and_many = |file: &str| {
+            let settings = vec![format!("filter.particles={}", if file == "few.json" { 2 } else { 1000 })];
+            Ok(Benchmark { settings, ..stored(file)? })
+        };
+        let text = "<!-- bench few.json,many.json accuracy -->\n<!-- end of bench -->";
+        let table = rendered(text, &few_and_many).unwrap();
+        let [few, many] =
+            ["| intel, filter.particles=2 ", "| intel, filter.particles=1000 "].map(|row| table.find(row));
+        assert!(few.is_some() && few < many && table.matches("| data set").count() == 1, "{table}");
     }
 
     #[test]
