@@ -19,8 +19,6 @@ pub(crate) struct SessionKeeper {
     path: PathBuf,
     /// Whether the file is the user's own, and stays.
     is_in_place: bool,
-    /// Whether there is a file that holds something.
-    is_saved: bool,
     file: Option<SessionFile>,
     period: Duration,
     due: Instant,
@@ -66,17 +64,7 @@ impl SessionKeeper {
 
     fn new(path: PathBuf, file: Option<SessionFile>, terminal: &Terminal, notes: Vec<(&'static str, String)>) -> Self {
         let (due, terminal) = (Instant::now() + PERIOD, terminal.clone());
-        Self {
-            path,
-            is_in_place: false,
-            is_saved: false,
-            file,
-            period: PERIOD,
-            due,
-            terminal,
-            notes,
-            has_failed: false,
-        }
+        Self { path, is_in_place: false, file, period: PERIOD, due, terminal, notes, has_failed: false }
     }
 
     /// The same, saving this often.
@@ -165,11 +153,10 @@ impl SessionKeeper {
     }
 
     /// Takes the file away, unless it is the user's own, now that the folder with the copy of it is in place.
-    pub(crate) fn remove(mut self) {
+    pub(crate) fn remove(self) {
         if !self.is_in_place {
             let _ = fs::remove_file(&self.path);
         }
-        self.is_saved = false;
     }
 
     fn save(&mut self, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
@@ -181,16 +168,14 @@ impl SessionKeeper {
                 file
             }
         };
-        self.file.insert(file).save(session, matcher)?;
-        self.is_saved = true;
-        Ok(())
+        self.file.insert(file).save(session, matcher)
     }
 }
 
 impl Drop for SessionKeeper {
     /// Says where the session is of a run that came to nothing.
     fn drop(&mut self) {
-        if self.is_saved && !self.is_in_place {
+        if !self.is_in_place && self.path.exists() {
             self.terminal
                 .warn(&format!("what was seen is kept in {}; --continue goes on from it", self.path.display()));
         }
