@@ -1,10 +1,12 @@
 //! Keeps the session of a run safe while the drive goes on.
 
 use crate::terminal::Terminal;
+use anyhow::Context as _;
 use floorprint::Slam;
 use floorprint::scan_matcher::MatcherConfig;
 use floorprint::session::Session;
-use floorprint_io::{Layers, SessionFile, WriteError};
+use floorprint_io::{ANNOTATIONS, Annotations, Layers, SessionFile, WriteError};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -16,6 +18,8 @@ const LARGEST_SHARE: u32 = 20;
 /// A session's file beside the run's folder, until the run is complete. A run that is over before the first save makes none.
 pub(crate) struct SessionKeeper {
     path: PathBuf,
+    /// What sessions are called that are set aside, but for a number.
+    aside: PathBuf,
     file: Option<SessionFile>,
     due: Instant,
     terminal: Terminal,
@@ -31,7 +35,11 @@ impl SessionKeeper {
         let mut name = out.file_name().unwrap_or_default().to_os_string();
         name.push(format!(".session-{}.gpkg", std::process::id()));
         let path = out.with_file_name(name);
-        Self { path, file: None, due: Instant::now() + PERIOD, terminal: terminal.clone(), notes, has_failed: false }
+        let mut aside = out.file_name().unwrap_or_default().to_os_string();
+        aside.push(".gpkg");
+        let aside = out.with_file_name(aside);
+        let due = Instant::now() + PERIOD;
+        Self { path, aside, file: None, due, terminal: terminal.clone(), notes, has_failed: false }
     }
 
     /// For a session that is kept up to date where it lies: a new file, or one that is gone on with.
@@ -44,8 +52,8 @@ impl SessionKeeper {
         notes: Vec<(&'static str, String)>,
     ) -> anyhow::Result<Self> {
         let file = if path.exists() { Some(SessionFile::open(path)?) } else { None };
-        let (path, terminal) = (path.to_path_buf(), terminal.clone());
-        Ok(Self { path, file, due: Instant::now() + PERIOD, terminal, notes, has_failed: false })
+        let (path, aside, terminal) = (path.to_path_buf(), path.to_path_buf(), terminal.clone());
+        Ok(Self { path, aside, file, due: Instant::now() + PERIOD, terminal, notes, has_failed: false })
     }
 
     /// Saves when it is time to.
@@ -80,6 +88,45 @@ impl SessionKeeper {
             }
         }
         self.due = Instant::now() + PERIOD.max(started.elapsed() * LARGEST_SHARE);
+    }
+
+    /// Saves a session and puts its file beside, under a name with a number, where it is left alone from now on: `next`
+    /// takes its place, at once where something was seen in it. Gives its name; `None` where nothing was seen.
+    ///
+    /// # Errors
+    /// One of them cannot be written; the earlier one is kept on with then.
+    pub(crate) fn set_aside(
+        &mut self,
+        session: &Session,
+        next: &Session,
+        matcher: &MatcherConfig,
+    ) -> anyhow::Result<Option<PathBuf>> {
+        if session.frames() == 0 {
+            return Ok(None);
+        }
+        self.save(session, matcher)?;
+        let Some(file) = self.file.take() else { return Ok(None) };
+        file.move_to(&self.path)?;
+        if next.frames() == 0 {
+            let aside = free_numbered(&self.aside);
+            fs::rename(&self.path, &aside).with_context(|| format!("cannot write {}", aside.display()))?;
+            return Ok(Some(aside));
+        }
+        let swapped = swap(&self.path, &self.aside, || {
+            Ok(SessionFile::write_with_notes(&self.path, next, matcher, &self.notes)?)
+        });
+        // Whichever of the two lies there now is kept on with.
+        self.file = SessionFile::open(&self.path).ok();
+        swapped.map(Some)
+    }
+
+    /// Keeps what people say of the map.
+    pub(crate) fn annotate(&mut self, annotations: &Annotations) {
+        self.notes.retain(|(key, _)| *key != ANNOTATIONS);
+        self.notes.push((ANNOTATIONS, annotations.to_geojson()));
+        if let Some(Err(error)) = self.file.as_ref().map(|file| file.annotate(annotations)) {
+            self.terminal.warn(&format!("places and keep-out areas are not saved: {error}"));
+        }
     }
 
     /// The same for a live session, whose pictures may not have been drawn (`None`); without a `target` the file stays where
@@ -127,4 +174,41 @@ impl SessionKeeper {
         file.draw(layers)?;
         file.move_to(target)
     }
+}
+
+/// Gives the file at `path` a second name, the first free one after `aside`, and has another one take its place in one
+/// step, so that a session lies there at any time; gives the second name.
+///
+/// # Errors
+/// The file cannot be copied, or `replace` fails; it lies where it was then.
+pub(crate) fn swap(path: &Path, aside: &Path, replace: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<PathBuf> {
+    let aside = free_numbered(aside);
+    // File systems without a second name for a file take a copy.
+    fs::hard_link(path, &aside)
+        .or_else(|_| fs::copy(path, &aside).map(drop))
+        .with_context(|| format!("cannot write {}", aside.display()))?;
+    let replaced = replace();
+    if replaced.is_err() {
+        let _ = fs::remove_file(&aside);
+    }
+    replaced.map(|()| aside)
+}
+
+/// The first name `NAME-2.ENDING`, `NAME-3.ENDING`, … at which nothing stands, nor a recording that was not completed.
+pub(crate) fn free_numbered(path: &Path) -> PathBuf {
+    let named = |number: u64| {
+        let mut name = path.file_stem().unwrap_or_default().to_os_string();
+        name.push(format!("-{number}"));
+        if let Some(ending) = path.extension() {
+            name.push(".");
+            name.push(ending);
+        }
+        path.with_file_name(name)
+    };
+    let mut number = 2;
+    let is_taken = |path: &Path| fs::symlink_metadata(path).is_ok();
+    while is_taken(&named(number)) || is_taken(&floorprint_io::ros::active_path(&named(number))) {
+        number += 1;
+    }
+    named(number)
 }

@@ -1,5 +1,6 @@
 //! Readers and writers: everything of Floorprint that touches files.
 
+mod annotations;
 mod budget;
 pub mod calibration;
 mod data_set;
@@ -34,6 +35,7 @@ mod stamps;
 mod trajectory;
 mod unpack;
 
+pub use annotations::{AnnotationError, Annotations, NamedPlace};
 pub use budget::USUAL_EXPANSION;
 pub use data_set::{
     BagContents, DataSet, DriveEntry, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice,
@@ -55,5 +57,5 @@ pub use relations::read_relations;
 pub use replace::{write_file, write_files};
 pub use run_folder::{Contents, RunFolder, free_beside};
 pub use scratch_file::ScratchFile;
-pub use session_file::{Layers, SessionFile};
+pub use session_file::{ANNOTATIONS, Layers, SessionFile};
 pub use trajectory::{read_trajectory, write_kitti, write_trajectory};

@@ -23,7 +23,7 @@ mod playback;
 #[cfg(feature = "ros2")]
 pub mod ros2;
 
-pub use board::{Board, Counts, Line, Mode, Picture, Situation};
+pub use board::{Board, Counts, Line, Mode, Overlay, Picture, Situation};
 pub use delays::{DelaySummary, Delays};
 pub use engine::{Engine, EngineError, Step, Whereabouts, resume};
 #[cfg(feature = "foxglove")]
@@ -31,7 +31,7 @@ pub use foxglove::FoxgloveServer;
 pub use frame_names::FrameNames;
 pub use guard::{AccessError, Token};
 pub use http::{Server, ServerError};
-pub use inbox::{Event, Inbox, Lost};
+pub use inbox::{Change, Event, Inbox, Lost, Refusal};
 pub use json_lines::JsonLines;
 pub use map_picture::{LEVELS, MapPicture, PICTURE_SIDE, Place};
 pub use playback::play;

@@ -9,6 +9,7 @@ mod layers;
 #[cfg(test)]
 mod tests;
 
+use crate::annotations::Annotations;
 use crate::error::{Problem, ReadError, WriteError};
 use crate::replace::{hidden, sibling, sync_folder};
 use floorprint::CompactScan;
@@ -29,6 +30,9 @@ use std::sync::Arc;
 const FORMAT_VERSION: i64 = 2;
 /// Bytes of a pose in files of version 1: stamp, x, y, θ.
 const POSE_BYTES: usize = 32;
+
+/// Under what key it is noted what people say of the map.
+pub const ANNOTATIONS: &str = "annotations";
 
 const TABLES: &str = "
 CREATE TABLE floorprint_meta (key TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL) WITHOUT ROWID;
@@ -134,9 +138,23 @@ impl SessionFile {
     /// # Errors
     /// When it cannot be written.
     pub fn write(path: &Path, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
+        Self::write_with_notes(path, session, matcher, &[])
+    }
+
+    /// The same with [notes](Self::note), pairs of key and value.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_with_notes(
+        path: &Path,
+        session: &Session,
+        matcher: &MatcherConfig,
+        notes: &[(&str, String)],
+    ) -> Result<(), WriteError> {
         let unfinished = sibling(path, "unfinished");
         let _ = fs::remove_file(&unfinished);
         let written = Self::create(&unfinished).and_then(|mut file| {
+            notes.iter().try_for_each(|(key, value)| file.note(key, value))?;
             file.save(session, matcher)?;
             file.move_to(path)
         });
@@ -254,6 +272,33 @@ impl SessionFile {
             rows.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
         read().map_err(|error| read_error(&self.path, &error))
+    }
+
+    /// What people said of the map.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is damaged.
+    pub fn annotations(&self) -> Result<Annotations, ReadError> {
+        let notes = self.notes()?;
+        let Some(text) = notes.get(ANNOTATIONS) else { return Ok(Annotations::default()) };
+        Annotations::from_geojson(text)
+            .map_err(|error| Problem::new(&self.path, error.to_string()).advice("Take an earlier copy of it").into())
+    }
+
+    /// The same of a file that is not changed.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open) and [`annotations`](Self::annotations).
+    pub fn read_annotations(path: &Path) -> Result<Annotations, ReadError> {
+        Self::open_with(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?.annotations()
+    }
+
+    /// Keeps what people say of the map, in place of what they said before.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn annotate(&self, annotations: &Annotations) -> Result<(), WriteError> {
+        self.note(ANNOTATIONS, &annotations.to_geojson())
     }
 
     /// The session as of the last save.

@@ -52,6 +52,10 @@ struct Layout {
     first: [i32; 2],
     /// Columns and rows of pictures.
     size: [usize; 2],
+    /// Where pictures are counted from, metres: another map may have another corner.
+    corner_m: [f64; 2],
+    /// Side of a cell, metres.
+    resolution_m: f64,
     /// Revision of the map that was published whole.
     revision: u64,
 }
@@ -156,7 +160,7 @@ impl Announcer {
         let is_due = match &self.published {
             None => true,
             Some((last, at)) => {
-                let has_grown = (last.first, last.size) != (layout.first, layout.size);
+                let has_grown = *last != Layout { revision: last.revision, ..layout };
                 let changed = map.changed.values().any(|revision| *revision > last.revision);
                 has_grown || (changed && at.elapsed() >= self.options.map_update_interval)
             }
@@ -164,24 +168,8 @@ impl Announcer {
         let stamp_s = self.board.situation().step.as_ref().map_or(0.0, |step| step.stamp_s);
         let header = Header { stamp_s, frame: &self.options.map_frame };
         if is_due {
-            let [columns, rows] = layout.size.map(|pictures| pictures * PICTURE_SIDE);
-            let mut cells = vec![UNKNOWN; columns * rows];
-            for &(column, row) in map.changed.keys() {
-                let at = [column - layout.first[0], row - layout.first[1]].map(|at| at as usize * PICTURE_SIDE);
-                let Some(pixels) = map.picture(0, (column, row)) else { continue };
-                for (up, line) in pixels.chunks_exact(PICTURE_SIDE).rev().enumerate() {
-                    let start = (at[1] + up) * columns + at[0];
-                    cells[start..start + PICTURE_SIDE]
-                        .iter_mut()
-                        .zip(line)
-                        .for_each(|(cell, pixel)| *cell = byte(*pixel));
-                }
-            }
-            let size_m = PICTURE_SIDE as f64 * map.resolution_m();
-            let origin_m = [0, 1].map(|axis| map.origin_m()[axis] + f64::from(layout.first[axis]) * size_m);
-            let size = [columns as u32, rows as u32];
-            let resolution_m = map.resolution_m() as f32;
-            publish(&self.map, &OccupancyGrid { header, resolution_m, size, origin_m, cells: &cells });
+            let map = occupancy_grid_in(layout, map, header);
+            let _ = self.map.publish(RawMessage(map));
             self.published = Some((layout, Instant::now()));
         } else {
             for (&(column, row), _) in map.changed.iter().filter(|(_, revision)| **revision > self.revision) {
@@ -197,6 +185,33 @@ impl Announcer {
     }
 }
 
+/// The whole map as a `nav_msgs/OccupancyGrid` in CDR; without a cell where there is none.
+pub(super) fn occupancy_grid(map: &MapPicture, stamp_s: f64, frame: &str) -> Vec<u8> {
+    let header = Header { stamp_s, frame };
+    match Layout::of(map, 0) {
+        Some(layout) => occupancy_grid_in(layout, map, header),
+        None => OccupancyGrid { header, resolution_m: 0.0, size: [0; 2], origin_m: [0.0; 2], cells: &[] }.to_cdr(),
+    }
+}
+
+fn occupancy_grid_in(layout: Layout, map: &MapPicture, header: Header<'_>) -> Vec<u8> {
+    let [columns, rows] = layout.size.map(|pictures| pictures * PICTURE_SIDE);
+    let mut cells = vec![UNKNOWN; columns * rows];
+    for &(column, row) in map.changed.keys() {
+        let at = [column - layout.first[0], row - layout.first[1]].map(|at| at as usize * PICTURE_SIDE);
+        let Some(pixels) = map.picture(0, (column, row)) else { continue };
+        for (up, line) in pixels.chunks_exact(PICTURE_SIDE).rev().enumerate() {
+            let start = (at[1] + up) * columns + at[0];
+            cells[start..start + PICTURE_SIDE].iter_mut().zip(line).for_each(|(cell, pixel)| *cell = byte(*pixel));
+        }
+    }
+    let size_m = PICTURE_SIDE as f64 * layout.resolution_m;
+    let origin_m = [0, 1].map(|axis| layout.corner_m[axis] + f64::from(layout.first[axis]) * size_m);
+    let size = [columns as u32, rows as u32];
+    let resolution_m = layout.resolution_m as f32;
+    OccupancyGrid { header, resolution_m, size, origin_m, cells: &cells }.to_cdr()
+}
+
 impl Layout {
     /// The rectangle of all pictures; `None` where there is none.
     fn of(map: &MapPicture, revision: u64) -> Option<Self> {
@@ -204,7 +219,8 @@ impl Layout {
         let rows = map.changed.keys().map(|place| place.1);
         let first = [columns.clone().min()?, rows.clone().min()?];
         let last = [columns.max()?, rows.max()?];
-        Some(Self { first, size: [0, 1].map(|axis| (last[axis] - first[axis] + 1) as usize), revision })
+        let size = [0, 1].map(|axis| (last[axis] - first[axis] + 1) as usize);
+        Some(Self { first, size, corner_m: map.origin_m(), resolution_m: map.resolution_m(), revision })
     }
 }
 
