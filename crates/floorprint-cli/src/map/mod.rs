@@ -6,16 +6,16 @@ mod export;
 mod info;
 mod merge;
 
-use crate::outcome::Outcome;
+use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
 use anyhow::{Context as _, anyhow, ensure};
 use clap::Subcommand;
 use floorprint::Slam;
 use floorprint::config::{Config, Layer};
 use floorprint::map::{Occupancy, OccupancyGrid, Raster};
-use floorprint::session::{Session, SessionError};
+use floorprint::session::{Region, Session, SessionError};
 use floorprint::texture::TextureMap;
-use floorprint_io::{Layers, SessionFile};
+use floorprint_io::{Annotations, Layers, SessionFile};
 use std::fs;
 use std::path::Path;
 
@@ -60,6 +60,8 @@ pub struct Stored {
     pub config: Config,
     /// The colours of its floor, where it was painted.
     pub floor: Option<TextureMap>,
+    /// What people said of the map.
+    pub annotations: Annotations,
 }
 
 /// Whether a session was recognised on another one.
@@ -91,7 +93,7 @@ impl Stored {
             }
             None => Config::default(),
         };
-        Ok(Self { session, config, floor: file.floor()? })
+        Ok(Self { session, config, floor: file.floor()?, annotations: file.annotations()? })
     }
 
     /// This session with `other` looked for on it, without knowing how they lie to each other.
@@ -148,12 +150,50 @@ impl Stored {
         self.save(path)
     }
 
+    /// Leaves nothing but what was seen of regions.
+    ///
+    /// # Errors
+    /// Nothing would be left of it, or nothing changes.
+    pub(crate) fn restricted_to(mut self, regions: &[Region], path: &Path) -> anyhow::Result<(Self, f64)> {
+        let before = occupied_m2(&self.map(path)?);
+        for region in regions {
+            self.session = self
+                .session
+                .restricted_to(region, &self.config.matcher)
+                .with_context(|| format!("cannot change {}", path.display()))?;
+        }
+        let Some(left) = self.session.map().to_raster() else {
+            let message = format!("nothing of {} is left: is the polygon in metres?", path.display());
+            return Err(BadArguments(message).into());
+        };
+        let gone = before - occupied_m2(&left);
+        ensure!(gone != 0.0, "{}: nothing stands in the polygon, so that nothing changed", path.display());
+        if let (Some(floor), [Region::Inside(polygon)]) = (&mut self.floor, regions) {
+            *floor = floor.map(|index, center| floor.cells[index].filter(|_| polygon.contains(center)));
+        }
+        Ok((self, gone))
+    }
+
+    /// Writes it in place of the file at `path`, in one step.
+    pub(crate) fn save_over(&self, path: &Path) -> anyhow::Result<()> {
+        let mut name = std::ffi::OsString::from(".");
+        name.push(path.file_name().unwrap_or_default());
+        name.push(".edited");
+        let unfinished = path.with_file_name(name);
+        let _ = fs::remove_file(&unfinished);
+        self.save(&unfinished)?;
+        fs::rename(&unfinished, path).with_context(|| format!("cannot write {}", path.display()))
+    }
+
     /// Writes it as a new file.
     fn save(&self, path: &Path) -> anyhow::Result<()> {
         let map = self.map(path)?;
         let mut file = SessionFile::create(path)?;
         let mut write = || -> anyhow::Result<()> {
             file.note("config", &self.config.to_toml())?;
+            if !self.annotations.is_empty() {
+                file.annotate(&self.annotations)?;
+            }
             file.save(&self.session, &self.config.matcher)?;
             file.draw(&Layers { session: &self.session, map: &map, floor: self.floor.as_ref() })?;
             Ok(())
@@ -165,6 +205,10 @@ impl Stored {
         }
         written
     }
+}
+
+fn occupied_m2(map: &Raster<Occupancy>) -> f64 {
+    map.cells.iter().filter(|&&cell| cell == Occupancy::Occupied).count() as f64 * map.resolution_m.powi(2)
 }
 
 /// The map of some of a session's scans.
