@@ -30,7 +30,7 @@ use floorprint::sensors::Record;
 use floorprint_io::ros::{LiveSession, Recorder};
 use floorprint_io::{FileLock, SessionFile, free_beside};
 use floorprint_live::{
-    Board, Counts, Delays, Engine, Event, Inbox, MapPicture, Mode, Picture, Situation, Step,
+    Board, Counts, Delays, Engine, Event, Inbox, MapPicture, Mode, Picture, SensorClock, Situation, Step,
 };
 use housekeeper::Housekeeper;
 pub(crate) use page::Page;
@@ -357,7 +357,8 @@ impl Session<'_> {
         let newest = steps.into_iter().next_back().map(Arc::new);
         let odometry = engine.odometry().map(|stamped| (stamped.stamp_s, stamped.pose));
         let step = newest.or_else(|| self.board.situation().step.clone());
-        self.board.show(Situation { step, odometry, counts: tally.counts, delays: tally.delays.summary() });
+        let now_s = tally.clock.now_s();
+        self.board.show(Situation { step, odometry, now_s, counts: tally.counts, delays: tally.delays.summary() });
     }
 
     fn tell(&self) {
@@ -382,12 +383,14 @@ impl Session<'_> {
 struct Tally {
     counts: Counts,
     delays: Delays,
+    clock: SensorClock,
 }
 
 impl Tally {
     /// A record came.
     fn begin(&mut self, record: &Record, came: Instant) {
         self.counts.records += 1;
+        self.clock.see(record);
         if let Record::Scan(scan) = record {
             self.delays.begin(scan.stamp_s, came);
         }

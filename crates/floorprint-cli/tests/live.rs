@@ -222,7 +222,8 @@ fn ended(mut child: Child, out: &Path) -> (String, serde_json::Value, f64) {
 
 #[test]
 fn a_clock_that_is_set_is_told_and_the_robot_is_followed() {
-    for step_s in [3600.0, -3600.0, -5.0] {
+    // The last one is as small as those that NTP makes: such stamps are late messages, and nothing is told.
+    for step_s in [3600.0, -3600.0, -5.0, -0.4] {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out");
         let mut child = reading(&["--out", out.to_str().unwrap()]);
@@ -280,17 +281,31 @@ fn a_session_is_worked_on_by_one_process() {
 #[cfg(unix)]
 #[test]
 fn twenty_kills_lose_nothing_that_was_saved() {
+    kill(4);
+}
+
+/// A long measurement: `cargo test --test live -- --ignored`.
+#[cfg(unix)]
+#[test]
+#[ignore = "takes a minute"]
+fn a_hundred_kills_lose_nothing_that_was_saved() {
+    kill(20);
+}
+
+/// Kills each of five robots' sessions so many times, at another moment each time.
+#[cfg(unix)]
+fn kill(times: u64) {
     let folder = tempfile::tempdir().unwrap();
     std::thread::scope(|scope| {
         for robot in 0..5 {
             let session = folder.path().join(format!("site-{robot}.gpkg"));
             scope.spawn(move || {
                 let (mut scan, mut saved) = (0, 0);
-                for kill in 0..4 {
+                for kill in 0..times {
                     let mut child = reading(&["--session", session.to_str().unwrap(), "--quiet"]);
                     let input = child.stdin.as_mut().unwrap();
                     // Saves come each second; the end comes at another moment of it each time.
-                    let end = Instant::now() + Duration::from_millis(1050 + 83 * (4 * robot + kill) % 600);
+                    let end = Instant::now() + Duration::from_millis(1050 + 83 * (times * robot + kill) % 600);
                     while Instant::now() < end {
                         let stamp = 10_000.0 + 0.1 * f64::from(scan);
                         let x = 1.0 - (0.01 * f64::from(scan)).cos();
@@ -486,6 +501,60 @@ fn the_page_shows_the_map_and_stands_floods() {
     drop(input);
     assert!(watched.child.wait().unwrap().success());
     assert!(out.join("map.pgm").exists());
+}
+
+/// Numbers that look like chance and are the same each time (xorshift).
+fn random_bytes(state: &mut u64, count: usize) -> Vec<u8> {
+    let mut byte = || {
+        *state ^= *state << 13;
+        *state ^= *state >> 7;
+        *state ^= *state << 17;
+        *state as u8
+    };
+    (0..count).map(|_| byte()).collect()
+}
+
+#[test]
+fn random_bytes_and_spoilt_requests_end_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut watched = Watched::start(&["--out", folder.path().join("out").to_str().unwrap()]);
+    let mut input = watched.child.stdin.take().unwrap();
+    input.write_all(json_lines(20).as_bytes()).unwrap();
+    let before_kb = watched.memory_kb();
+    let body = r#"{"revision":0,"places":[{"name":"dock","at":[1,2]}],"keep_out":[[[0,0],[1,0],[1,1]]]}"#;
+    let request = format!(
+        "POST /annotations HTTP/1.1\r\nHost: {}\r\nContent-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
+        watched.address,
+        body.len()
+    );
+    let mut state = 0x9e37_79b9_7f4a_7c15;
+    for number in 0..600 {
+        let mut bytes = request.clone().into_bytes();
+        match number % 3 {
+            // Nothing but chance.
+            0 => bytes = random_bytes(&mut state, 700),
+            // Some bytes of a request are others.
+            1 => {
+                for _ in 0..4 {
+                    let spoilt = random_bytes(&mut state, 3);
+                    let at = usize::from(u16::from_le_bytes([spoilt[0], spoilt[1]])) % bytes.len();
+                    bytes[at] = spoilt[2];
+                }
+            }
+            // It ends too early.
+            _ => bytes.truncate(number % request.len()),
+        }
+        let Ok(mut stream) = TcpStream::connect(&watched.address) else { continue };
+        let _ = stream.set_write_timeout(Some(Duration::from_millis(100)));
+        let _ = stream.write_all(&bytes);
+    }
+    // The bucket of requests fills again.
+    sleep(Duration::from_millis(500));
+    assert!(watched.ask("GET /page.js", &[], "").starts_with("HTTP/1.1 200"));
+    let grown_kb = watched.memory_kb().saturating_sub(before_kb);
+    assert!(grown_kb < 40_000, "{grown_kb} kB more");
+    drop(input);
+    assert!(watched.child.wait().unwrap().success());
 }
 
 /// The overlay's revision as viewers are told it.

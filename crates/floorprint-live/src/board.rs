@@ -28,10 +28,21 @@ pub struct Situation {
     pub step: Option<Arc<Step>>,
     /// The newest pose of the odometry, `odom_from_body`, with its stamp (seconds).
     pub odometry: Option<(f64, Pose2)>,
+    /// What time it is by the sensors, seconds; `None` before anything came.
+    pub now_s: Option<f64>,
     /// What is counted.
     pub counts: Counts,
     /// How long scans take to their pose.
     pub delays: DelaySummary,
+}
+
+impl Situation {
+    /// What time it is by the sensors, seconds: no earlier than the newest scan's stamp, where a clock was not set since.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        let step_s = self.step.as_ref().map_or(0.0, |step| step.stamp_s);
+        self.now_s.unwrap_or(step_s)
+    }
 }
 
 /// What is counted in a session.

@@ -22,6 +22,7 @@ mod map_picture;
 mod playback;
 #[cfg(feature = "ros2")]
 pub mod ros2;
+mod sensor_clock;
 
 pub use board::{Board, Counts, Line, Mode, Overlay, Picture, Situation};
 pub use delays::{DelaySummary, Delays};
@@ -35,3 +36,4 @@ pub use inbox::{Change, Event, Inbox, Lost, Refusal};
 pub use json_lines::JsonLines;
 pub use map_picture::{LEVELS, MapPicture, PICTURE_SIDE, Place};
 pub use playback::play;
+pub use sensor_clock::{STEP_BACK_S, SensorClock};

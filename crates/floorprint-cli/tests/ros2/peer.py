@@ -7,6 +7,8 @@ rmw_cyclonedds do: requests and answers begin with the client's number and that 
 """
 import itertools
 import json
+import random
+import socket
 import sys
 import time
 from dataclasses import dataclass
@@ -251,6 +253,20 @@ def change_while_mapping(robot):
     return answers
 
 
+def babble():
+    """Datagrams of chance, and ones that begin as those of DDS do, to all ports where nodes listen."""
+    chance = random.Random(1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        for number in range(3000):
+            port = 7400 + chance.choice([0, 1, 10, 11, 12, 13, 14, 15])
+            begin = b"RTPS\x02\x03\x01\x10" + chance.randbytes(12) if number % 2 else b""
+            # Kinds of submessages with flags, and a length that may be wrong.
+            kind = bytes([chance.choice([0x06, 0x07, 0x08, 0x09, 0x0C, 0x0E, 0x12, 0x13, 0x15, 0x16]), chance.randrange(16)])
+            body = kind + chance.randbytes(chance.randrange(200)) if number % 2 else chance.randbytes(300)
+            for address in ("127.0.0.1", "239.255.0.1"):
+                line.sendto(begin + body, (address, port))
+
+
 def ask_in_a_map(robot):
     """Says where the robot is, and loads the map once more."""
     pose = PoseWithCovariance(Pose(Vector3(3.0, 0.0, 0.0), STRAIGHT), [0.0] * 36)
@@ -312,6 +328,7 @@ def main():
         found["updates"] += len(updates.take(100))
 
     start, first = time.monotonic(), drive[0]["stamp"]
+    rival = DataWriter(robot, topic("odom", Odometry), qos=SENSOR) if mode == "change" else None
     for record in drive:
         due = start + (record["stamp"] - first) / rate
         while time.monotonic() < due:
@@ -323,6 +340,10 @@ def main():
             odometry.write(
                 Odometry(header(record["stamp"], "odom"), "base_link", PoseWithCovariance(pose, [0.0] * 36), still)
             )
+            if rival and record["stamp"] > first + 1:
+                # Another node says on the same topic that the robot is elsewhere.
+                elsewhere = PoseWithCovariance(Pose(Vector3(50.0 - record["x"], 9.0, 0.0), STRAIGHT), [0.0] * 36)
+                rival.write(Odometry(header(record["stamp"] + 0.001, "odom"), "base_link", elsewhere, still))
         else:
             ranges = record["ranges"]
             low, step = record["angle_min"], record["angle_increment"]
@@ -349,6 +370,8 @@ def main():
             found["late_s"] = time.monotonic() - asked
             break
         time.sleep(0.005)
+    if mode == "change":
+        babble()
     found["services"] = {"map": ask_while_mapping, "follow": ask_in_a_map, "change": change_while_mapping}[mode](robot)
     print(json.dumps(found), flush=True)
 

@@ -119,7 +119,7 @@ impl Announcer {
     fn of_situation(&mut self, situation: &Situation) {
         let Some(step) = &situation.step else { return };
         let is_new = step.stamp_s != self.stamp_s;
-        let now_s = situation.odometry.map_or(step.stamp_s, |(stamp_s, _)| stamp_s.max(step.stamp_s));
+        let now_s = situation.now_s();
         if is_new || self.transformed.is_none_or(|transformed| transformed.elapsed() >= TRANSFORM_PERIOD) {
             self.transformed = Some(Instant::now());
             let Options { map_frame, odom_frame, transform_timeout, .. } = &self.options;

@@ -10,6 +10,7 @@ mod options;
 mod raw_message;
 mod service;
 mod services;
+mod sole_publisher;
 
 pub use listener::{Incoming, Listener};
 pub use node::{Node, NodeError};
