@@ -644,7 +644,6 @@ fn a_map_is_changed_while_it_is_made() {
         drive(1);
         black(&watched, "/map.pgm") > erased + 20
     });
-    drop(drive);
     drop(input);
     assert!(watched.child.wait().unwrap().success());
     assert!(frames(&session) > began);

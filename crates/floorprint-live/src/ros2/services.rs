@@ -33,14 +33,16 @@ const START_AT_FIRST_NODE: u8 = 1;
 const START_AT_GIVEN_POSE: u8 = 2;
 const LOCALIZE_AT_POSE: u8 = 3;
 
+/// From a request in CDR to the fields of its answer; `None` where it is no such request, and nobody's.
+type Answer = Box<dyn Fn(&Board, &[u8]) -> Option<Vec<u8>> + Send>;
+
 /// Begins to answer.
 pub(super) fn serve(node: &mut Node, board: &Arc<Board>) -> Result<(), NodeError> {
     let folder = node.options().save_to.clone();
     let map_frame = node.options().map_frame.clone();
     let toolbox = |kind| ("slam_toolbox", kind);
-    let mut offer = |place, name: &str, kind, answer: Box<dyn Fn(&Board, &[u8]) -> Option<Vec<u8>> + Send>| {
-        spawn(answering(node, place, name, kind)?, Arc::clone(board), answer)
-    };
+    let mut offer =
+        |place, name: &str, kind, answer: Answer| spawn(answering(node, place, name, kind)?, Arc::clone(board), answer);
     let into = folder.clone();
     offer(
         Place::Node,
@@ -180,13 +182,8 @@ fn answering(node: &mut Node, place: Place, name: &str, kind: (&str, &str)) -> R
     node.service(&full, kind)
 }
 
-/// Answers on a thread of its own. `answer` takes a request in CDR and gives the fields of the answer; `None` where it is no
-/// such request, and nobody's.
-fn spawn(
-    service: Service,
-    board: Arc<Board>,
-    answer: Box<dyn Fn(&Board, &[u8]) -> Option<Vec<u8>> + Send>,
-) -> Result<(), NodeError> {
+/// Answers on a thread of its own.
+fn spawn(service: Service, board: Arc<Board>, answer: Answer) -> Result<(), NodeError> {
     let serve = move || {
         loop {
             let sent = block_on(service.next()).and_then(|(asked, request)| {
