@@ -51,6 +51,7 @@ impl SessionKeeper {
         terminal: &Terminal,
         notes: Vec<(&'static str, String)>,
     ) -> anyhow::Result<Self> {
+        remove_unfinished(path);
         let file = if path.exists() { Some(SessionFile::open(path)?) } else { None };
         let (path, aside, terminal) = (path.to_path_buf(), path.to_path_buf(), terminal.clone());
         Ok(Self { path, aside, file, due: Instant::now() + PERIOD, terminal, notes, has_failed: false })
@@ -173,6 +174,21 @@ impl SessionKeeper {
         let Some(mut file) = self.file.take() else { return Ok(()) };
         file.draw(layers)?;
         file.move_to(target)
+    }
+}
+
+/// Removes what processes left beside a session that were killed while they wrote another one in its place. Nobody else works
+/// on it now.
+fn remove_unfinished(path: &Path) {
+    let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let is_unfinished = |entry: &fs::DirEntry| {
+        let found = entry.file_name();
+        let found = found.to_str().map(|found| found.trim_start_matches('.'));
+        found.is_some_and(|found| found.strip_prefix(name).is_some_and(|rest| rest.starts_with(".unfinished-")))
+    };
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten().filter(is_unfinished) {
+        let _ = fs::remove_file(entry.path());
     }
 }
 

@@ -74,6 +74,12 @@ pub enum Placement {
 }
 
 impl Stored {
+    /// A session of which nobody said anything yet.
+    #[must_use]
+    pub fn new(session: Session, config: Config, floor: Option<TextureMap>) -> Self {
+        Self { session, config, floor, annotations: Annotations::default() }
+    }
+
     /// Reads a session's file.
     ///
     /// # Errors
