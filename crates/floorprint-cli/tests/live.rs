@@ -222,21 +222,31 @@ fn ended(mut child: Child, out: &Path) -> (String, serde_json::Value, f64) {
 
 #[test]
 fn a_clock_that_is_set_is_told_and_the_robot_is_followed() {
+    let drive = |input: &mut dyn std::io::Write, step_s: f64| {
+        for scan in 0..120 {
+            let stamp = 10_000.0 + 0.1 * f64::from(scan) + if scan < 60 { 0.0 } else { step_s };
+            input.write_all(in_room(stamp, 0.01 * f64::from(scan)).concat().as_bytes()).unwrap();
+        }
+    };
     // The last one is as small as those that NTP makes: such stamps are late messages, and nothing is told.
     for step_s in [3600.0, -3600.0, -5.0, -0.4] {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out");
         let mut child = reading(&["--out", out.to_str().unwrap()]);
-        let input = child.stdin.as_mut().unwrap();
-        for scan in 0..120 {
-            let stamp = 10_000.0 + 0.1 * f64::from(scan) + if scan < 60 { 0.0 } else { step_s };
-            input.write_all(in_room(stamp, 0.01 * f64::from(scan)).concat().as_bytes()).unwrap();
-        }
+        drive(child.stdin.as_mut().unwrap(), step_s);
         let (said, report, x) = ended(child, &out);
         let told = ["stamps go on by", "stamps go back by"].map(|told| said.contains(told));
         assert_eq!(told, [step_s > 0.0, step_s < -1.0], "{step_s}: {said}");
         assert_eq!(report["scans"], 120);
         assert!((x - 1.19).abs() < 0.03, "{step_s}: {x}");
+        // In the finished map as well.
+        let (map, out) = (out.join("session.gpkg"), folder.path().join("followed"));
+        let options = ["--map", map.to_str().unwrap(), "--pose", "0,0,0", "--out", out.to_str().unwrap()];
+        let mut child = reading(&options);
+        drive(child.stdin.as_mut().unwrap(), step_s);
+        let (_, report, x) = ended(child, &out);
+        assert_eq!(report["scans"], 120);
+        assert!((x - 1.19).abs() < 0.05, "{step_s}: {x}");
     }
 }
 
