@@ -119,6 +119,9 @@ fn a_robot_of_another_make_is_mapped() {
     let ([from_s, to_s], [from_m, to_m]) = (ends(0), ends(1));
     assert!(to_s > 1009.8 && (to_m - from_m - 0.4 * (to_s - from_s)).abs() < 0.05, "{found}");
     assert!(found["map"][2].as_u64().unwrap() > 100, "{found}");
+    let [meta_data, map] = [&found["meta_data"], &found["map"]];
+    assert_eq!([&meta_data[0], &meta_data[1]], [&map[0], &map[1]], "{found}");
+    assert!((meta_data[2].as_f64().unwrap() - 0.05).abs() < 1e-6, "{found}");
     assert!(found["late_s"].as_f64().is_some_and(|late_s| late_s < 3.0), "{found}");
     // In the map that was made the robot is followed, as AMCL's listeners expect it.
     let followed: serde_json::Value = serde_json::from_str(&read("followed.json")).unwrap_or_else(|_| panic!("{said}"));

@@ -292,6 +292,7 @@ def main():
     poses = DataReader(robot, topic(pose_topic, PoseWithCovarianceStamped), qos=RELIABLE)
     clouds = DataReader(robot, topic("particle_cloud", ParticleCloud), qos=SENSOR)
     maps = DataReader(robot, topic("map", OccupancyGrid), qos=LATCHED)
+    meta_data = DataReader(robot, topic("map_metadata", MapMetaData), qos=LATCHED)
     updates = DataReader(robot, topic("map_updates", OccupancyGridUpdate), qos=RELIABLE)
     static.write(TFMessage([TransformStamped(header(0.0, "base_link"), "laser", Vector3(0.1, 0.0, 0.2), STRAIGHT)]))
     began = time.monotonic()
@@ -325,6 +326,8 @@ def main():
             found["maps"] += 1
             cells = list(message.data)
             found["map"] = [message.info.width, message.info.height, cells.count(100), cells.count(0)]
+        for message in meta_data.take(10):
+            found["meta_data"] = [message.width, message.height, message.resolution]
         found["updates"] += len(updates.take(100))
 
     start, first = time.monotonic(), drive[0]["stamp"]

@@ -9,8 +9,8 @@ use crate::map_picture::{MapPicture, PICTURE_SIDE};
 use floorprint::geometry::Pose2;
 use floorprint::map::Occupancy;
 use floorprint_io::ros::{
-    Diagnostics, Header, Message, OccupancyGrid, OccupancyGridUpdate, ParticleCloud, PoseWithCovariance, Transform,
-    Transforms,
+    Diagnostics, Header, MapMetaData, Message, OccupancyGrid, OccupancyGridUpdate, ParticleCloud, PoseWithCovariance,
+    Transform, Transforms,
 };
 use futures::executor::block_on;
 use futures::future::{Either, select};
@@ -29,6 +29,7 @@ pub(super) struct Announcer {
     options: Options,
     base_frame: String,
     map: Publisher<RawMessage>,
+    meta_data: Publisher<RawMessage>,
     updates: Publisher<RawMessage>,
     transforms: Publisher<RawMessage>,
     pose: Publisher<RawMessage>,
@@ -69,6 +70,7 @@ impl Announcer {
             board: Arc::clone(board),
             base_frame: base_frame.to_owned(),
             map: node.publisher::<OccupancyGrid<'_>>(&map, &latched(1))?,
+            meta_data: node.publisher::<MapMetaData>(&format!("{map}_metadata"), &latched(1))?,
             updates: node.publisher::<OccupancyGridUpdate<'_>>(&format!("{map}_updates"), &reliable(100))?,
             transforms: node.publisher::<Transforms<'_>>("/tf", &reliable(100))?,
             pose: node.publisher::<PoseWithCovariance<'_>>(pose, &latched(1))?,
@@ -168,8 +170,8 @@ impl Announcer {
         let stamp_s = self.board.situation().step.as_ref().map_or(0.0, |step| step.stamp_s);
         let header = Header { stamp_s, frame: &self.options.map_frame };
         if is_due {
-            let map = occupancy_grid_in(layout, map, header);
-            let _ = self.map.publish(RawMessage(map));
+            let _ = self.map.publish(RawMessage(occupancy_grid_in(layout, map, header)));
+            publish(&self.meta_data, &layout.meta_data());
             self.published = Some((layout, Instant::now()));
         } else {
             for (&(column, row), _) in map.changed.iter().filter(|(_, revision)| **revision > self.revision) {
@@ -190,7 +192,10 @@ pub(super) fn occupancy_grid(map: &MapPicture, stamp_s: f64, frame: &str) -> Vec
     let header = Header { stamp_s, frame };
     match Layout::of(map, 0) {
         Some(layout) => occupancy_grid_in(layout, map, header),
-        None => OccupancyGrid { header, resolution_m: 0.0, size: [0; 2], origin_m: [0.0; 2], cells: &[] }.to_cdr(),
+        None => {
+            let info = MapMetaData { resolution_m: 0.0, size: [0; 2], origin_m: [0.0; 2] };
+            OccupancyGrid { header, info, cells: &[] }.to_cdr()
+        }
     }
 }
 
@@ -205,14 +210,19 @@ fn occupancy_grid_in(layout: Layout, map: &MapPicture, header: Header<'_>) -> Ve
             cells[start..start + PICTURE_SIDE].iter_mut().zip(line).for_each(|(cell, pixel)| *cell = byte(*pixel));
         }
     }
-    let size_m = PICTURE_SIDE as f64 * layout.resolution_m;
-    let origin_m = [0, 1].map(|axis| layout.corner_m[axis] + f64::from(layout.first[axis]) * size_m);
-    let size = [columns as u32, rows as u32];
-    let resolution_m = layout.resolution_m as f32;
-    OccupancyGrid { header, resolution_m, size, origin_m, cells: &cells }.to_cdr()
+    OccupancyGrid { header, info: layout.meta_data(), cells: &cells }.to_cdr()
 }
 
 impl Layout {
+    fn meta_data(&self) -> MapMetaData {
+        let size_m = PICTURE_SIDE as f64 * self.resolution_m;
+        MapMetaData {
+            resolution_m: self.resolution_m as f32,
+            size: self.size.map(|pictures| (pictures * PICTURE_SIDE) as u32),
+            origin_m: [0, 1].map(|axis| self.corner_m[axis] + f64::from(self.first[axis]) * size_m),
+        }
+    }
+
     /// The rectangle of all pictures; `None` where there is none.
     fn of(map: &MapPicture, revision: u64) -> Option<Self> {
         let columns = map.changed.keys().map(|place| place.0);
