@@ -151,6 +151,8 @@ fn a_robot_of_another_make_is_mapped() {
     println!("{changed}");
     // Of two nodes on one topic the first one is believed; and datagrams of chance ended nothing.
     assert!(said.contains("several nodes publish on /odom"), "{said}");
+    // The other one says that it is 50 m away, which map→odom would have to make up for.
+    assert!(changed["largest_m"].as_f64().is_some_and(|largest_m| largest_m < 1.0), "{changed}");
     let (end_s, end_m) = (changed["last"][0].as_f64().unwrap(), changed["last"][1].as_f64().unwrap());
     assert!(end_s > 1009.0 && (end_m - 0.4 * (end_s - 1000.0)).abs() < 0.1, "{changed}");
     let services = &changed["services"];

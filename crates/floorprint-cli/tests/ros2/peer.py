@@ -309,6 +309,7 @@ def main():
             for transform in message.transforms:
                 if transform.child_frame_id == "odom":
                     found["transforms"] += 1
+                    found["largest_m"] = max(found.get("largest_m", 0.0), abs(transform.translation.x))
                     found["parent"] = transform.header.frame_id
         for message in poses.take(1000):
             found["poses"] += 1
@@ -352,7 +353,8 @@ def main():
             low, step = record["angle_min"], record["angle_increment"]
             high = low + step * (len(ranges) - 1)
             scans.write(
-                LaserScan(header(record["stamp"], "laser"), low, high, step, 0.0, 0.0, 0.05, 20.0, ranges, [])
+                # Between what the two nodes say, where there are two.
+                LaserScan(header(record["stamp"] + (0.0006 if rival else 0.0), "laser"), low, high, step, 0.0, 0.0, 0.05, 20.0, ranges, [])
             )
             sent_at[round(record["stamp"], 3)] = time.monotonic()
         receive()
