@@ -1,5 +1,6 @@
 //! `floorprint live`: a robot's sensors as they come, or a recording as if it came.
 
+mod change;
 pub(crate) mod housekeeper;
 mod page;
 mod results;
@@ -28,7 +29,9 @@ use floorprint::odometry::OdometryCorrections;
 use floorprint::sensors::Record;
 use floorprint_io::ros::{LiveSession, Recorder};
 use floorprint_io::{FileLock, SessionFile, free_beside};
-use floorprint_live::{Board, Counts, Delays, Engine, Event, Inbox, MapPicture, Mode, Picture, Situation, Step};
+use floorprint_live::{
+    Board, Counts, Delays, Engine, Event, Inbox, MapPicture, Mode, Picture, SensorClock, Situation, Step,
+};
 use housekeeper::Housekeeper;
 pub(crate) use page::Page;
 use results::Results;
@@ -122,32 +125,24 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     let corrections = source.corrections(&config)?;
     let inbox = Arc::new(Inbox::new());
     let (mut engine, board) = arguments.engine(&config, corrections.as_ref(), &inbox)?;
-    let recorder = match &arguments.record {
-        Some(path) => {
-            let session = LiveSession { robot: config.robot.clone(), corrections: corrections.clone() };
-            Some(Recorder::create(path, &session)?)
-        }
-        None => None,
-    };
+    let recorded = LiveSession { robot: config.robot.clone(), corrections: corrections.clone() };
+    let recorder = arguments.record.as_deref().map(|path| Recorder::create(path, &recorded)).transpose()?;
     let out = arguments.out();
     let results = out.as_deref().map(|out| Results::create(out, &config, arguments.force)).transpose()?;
     if let Some(results) = &results {
         interrupt.removes(results.folder());
         results.notes().iter().for_each(|note| terminal.warn(note));
     }
-    if let Some(beside) = arguments.session.as_deref().or(out.as_deref())
-        && let Some((store, most_bytes)) = arguments.memory.store(beside, &config)?
-    {
-        engine.limit_memory(store, most_bytes);
-    }
+    arguments.limit_memory(&mut engine, out.as_deref(), &config)?;
     let keeper = arguments.keeper(out.as_deref(), &config, terminal)?;
     let frames = source.frames(&config);
     arguments.page.show(&board, &frames, terminal)?;
     source.announce(&board, &frames)?;
     let closed = Arc::clone(&inbox);
     interrupt.on_request(move || closed.close());
-    let session = Session { terminal, config: &config, interrupt: &interrupt, board: &board };
-    let feeding = source.start(&config, arguments.rate.unwrap_or(1.0), &inbox, &interrupt);
+    let (terminal, config, interrupt, board) = (terminal, &config, &interrupt, &board);
+    let session = Session { arguments, terminal, config, interrupt, board, out: out.as_deref(), recorded };
+    let feeding = source.start(config, arguments.rate.unwrap_or(1.0), &inbox, interrupt);
     let outcome = pool.install(|| session.run(engine, recorder, keeper, results));
     // Nobody takes records any more.
     inbox.close();
@@ -178,6 +173,9 @@ impl Arguments {
             );
             let localizer = Localizer::new(Arc::new(map), self.pose, config);
             let board = board(Mode::Localization);
+            if is_session(path) {
+                board.annotate(SessionFile::read_annotations(path)?);
+            }
             board.show_picture(Picture { revision: 1, map: MapPicture::of_raster(raster, 1), ..Picture::default() });
             return Ok((Engine::localizing(localizer, config, corrections)?, board));
         }
@@ -190,7 +188,21 @@ impl Arguments {
             }
             None => Engine::mapping(config, corrections)?,
         };
-        Ok((engine, board(Mode::Mapping)))
+        let board = board(Mode::Mapping);
+        if let Some(path) = earlier {
+            board.annotate(SessionFile::read_annotations(path)?);
+        }
+        Ok((engine, board))
+    }
+
+    /// Bounds what an engine keeps in memory, where that is asked for.
+    fn limit_memory(&self, engine: &mut Engine, out: Option<&Path>, config: &Config) -> anyhow::Result<()> {
+        if let Some(beside) = self.session.as_deref().or(out)
+            && let Some((store, most_bytes)) = self.memory.store(beside, config)?
+        {
+            engine.limit_memory(store, most_bytes);
+        }
+        Ok(())
     }
 
     /// Where the results go, where there are to be any.
@@ -225,12 +237,21 @@ impl Arguments {
     }
 }
 
+/// Whether a map is a session, which may hold annotations.
+pub(crate) fn is_session(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "gpkg")
+}
+
 /// All that stands around the engine while it works.
 struct Session<'a> {
+    arguments: &'a Arguments,
     terminal: &'a Terminal,
     config: &'a Config,
     interrupt: &'a Interrupt,
     board: &'a Board,
+    out: Option<&'a Path>,
+    /// What recordings begin with.
+    recorded: LiveSession,
 }
 
 impl Session<'_> {
@@ -269,6 +290,13 @@ impl Session<'_> {
                         }
                         Event::Start(start) => {
                             engine.set_start(start);
+                            continue;
+                        }
+                        Event::Change(change, done) => {
+                            let changed = self.change(&change, &mut engine, &mut recorder, &housekeeper);
+                            self.tell_change(&change, &changed);
+                            // Who asked may not wait any more.
+                            let _ = done.send(changed);
                             continue;
                         }
                     };
@@ -329,7 +357,8 @@ impl Session<'_> {
         let newest = steps.into_iter().next_back().map(Arc::new);
         let odometry = engine.odometry().map(|stamped| (stamped.stamp_s, stamped.pose));
         let step = newest.or_else(|| self.board.situation().step.clone());
-        self.board.show(Situation { step, odometry, counts: tally.counts, delays: tally.delays.summary() });
+        let now_s = tally.clock.now_s();
+        self.board.show(Situation { step, odometry, now_s, counts: tally.counts, delays: tally.delays.summary() });
     }
 
     fn tell(&self) {
@@ -354,12 +383,14 @@ impl Session<'_> {
 struct Tally {
     counts: Counts,
     delays: Delays,
+    clock: SensorClock,
 }
 
 impl Tally {
     /// A record came.
     fn begin(&mut self, record: &Record, came: Instant) {
         self.counts.records += 1;
+        self.clock.see(record);
         if let Record::Scan(scan) = record {
             self.delays.begin(scan.stamp_s, came);
         }

@@ -1,10 +1,11 @@
 //! Keeps the session of a run safe while the drive goes on.
 
 use crate::terminal::Terminal;
+use anyhow::Context as _;
 use floorprint::Slam;
 use floorprint::scan_matcher::MatcherConfig;
 use floorprint::session::Session;
-use floorprint_io::{Layers, SessionFile, WriteError, copy_file};
+use floorprint_io::{ANNOTATIONS, Annotations, Layers, SessionFile, WriteError, copy_file};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -19,6 +20,8 @@ pub(crate) struct SessionKeeper {
     path: PathBuf,
     /// Whether the file is the user's own, and stays.
     is_in_place: bool,
+    /// What sessions are called that are set aside, but for a number.
+    aside: PathBuf,
     file: Option<SessionFile>,
     period: Duration,
     due: Instant,
@@ -44,7 +47,9 @@ impl SessionKeeper {
             terminal.note(&format!("{}: what a run saw that was stopped; --continue goes on from it", path.display()));
             number += 1;
         };
-        Self::new(path, None, terminal, notes)
+        let mut aside = out.file_name().unwrap_or_default().to_os_string();
+        aside.push(".gpkg");
+        Self::new(path, out.with_file_name(aside), None, terminal, notes)
     }
 
     /// For a session that is kept up to date where it lies: a new file, or one that is gone on with.
@@ -56,15 +61,22 @@ impl SessionKeeper {
         terminal: &Terminal,
         notes: Vec<(&'static str, String)>,
     ) -> anyhow::Result<Self> {
+        remove_unfinished(path);
         let file = if path.exists() { Some(SessionFile::open(path)?) } else { None };
-        let mut keeper = Self::new(path.to_path_buf(), file, terminal, notes);
+        let mut keeper = Self::new(path.to_path_buf(), path.to_path_buf(), file, terminal, notes);
         keeper.is_in_place = true;
         Ok(keeper)
     }
 
-    fn new(path: PathBuf, file: Option<SessionFile>, terminal: &Terminal, notes: Vec<(&'static str, String)>) -> Self {
+    fn new(
+        path: PathBuf,
+        aside: PathBuf,
+        file: Option<SessionFile>,
+        terminal: &Terminal,
+        notes: Vec<(&'static str, String)>,
+    ) -> Self {
         let (due, terminal) = (Instant::now() + PERIOD, terminal.clone());
-        Self { path, is_in_place: false, file, period: PERIOD, due, terminal, notes, has_failed: false }
+        Self { path, is_in_place: false, aside, file, period: PERIOD, due, terminal, notes, has_failed: false }
     }
 
     /// The same, saving this often.
@@ -105,6 +117,45 @@ impl SessionKeeper {
             }
         }
         self.due = Instant::now() + self.period.max(started.elapsed() * LARGEST_SHARE);
+    }
+
+    /// Saves a session and puts its file beside, under a name with a number, where it is left alone from now on: `next`
+    /// takes its place, at once where something was seen in it. Gives its name; `None` where nothing was seen.
+    ///
+    /// # Errors
+    /// One of them cannot be written; the earlier one is kept on with then.
+    pub(crate) fn set_aside(
+        &mut self,
+        session: &Session,
+        next: &Session,
+        matcher: &MatcherConfig,
+    ) -> anyhow::Result<Option<PathBuf>> {
+        if session.frames() == 0 {
+            return Ok(None);
+        }
+        self.save(session, matcher)?;
+        let Some(file) = self.file.take() else { return Ok(None) };
+        file.close()?;
+        if next.frames() == 0 {
+            let aside = free_numbered(&self.aside);
+            fs::rename(&self.path, &aside).with_context(|| format!("cannot write {}", aside.display()))?;
+            return Ok(Some(aside));
+        }
+        let swapped = swap(&self.path, &self.aside, || {
+            Ok(SessionFile::write_with_notes(&self.path, next, matcher, &self.notes)?)
+        });
+        // Whichever of the two lies there now is kept on with.
+        self.file = SessionFile::open(&self.path).ok();
+        swapped.map(Some)
+    }
+
+    /// Keeps what people say of the map.
+    pub(crate) fn annotate(&mut self, annotations: &Annotations) {
+        self.notes.retain(|(key, _)| *key != ANNOTATIONS);
+        self.notes.push((ANNOTATIONS, annotations.to_geojson()));
+        if let Some(Err(error)) = self.file.as_ref().map(|file| file.annotate(annotations)) {
+            self.terminal.warn(&format!("places and keep-out areas are not saved: {error}"));
+        }
     }
 
     /// The same as [`finish`](Self::finish) for a live session, whose pictures may not have been drawn (`None`).
@@ -180,4 +231,56 @@ impl Drop for SessionKeeper {
                 .warn(&format!("what was seen is kept in {}; --continue goes on from it", self.path.display()));
         }
     }
+}
+
+/// Removes what processes left beside a session that were killed while they wrote another one in its place. Nobody else works
+/// on it now.
+fn remove_unfinished(path: &Path) {
+    let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let is_unfinished = |entry: &fs::DirEntry| {
+        let found = entry.file_name();
+        let found = found.to_str().map(|found| found.trim_start_matches('.'));
+        found.is_some_and(|found| found.strip_prefix(name).is_some_and(|rest| rest.starts_with(".unfinished-")))
+    };
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten().filter(is_unfinished) {
+        let _ = fs::remove_file(entry.path());
+    }
+}
+
+/// Gives the file at `path` a second name, the first free one after `aside`, and has another one take its place in one
+/// step, so that a session lies there at any time; gives the second name.
+///
+/// # Errors
+/// The file cannot be copied, or `replace` fails; it lies where it was then.
+pub(crate) fn swap(path: &Path, aside: &Path, replace: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<PathBuf> {
+    let aside = free_numbered(aside);
+    // File systems without a second name for a file take a copy.
+    fs::hard_link(path, &aside)
+        .or_else(|_| fs::copy(path, &aside).map(drop))
+        .with_context(|| format!("cannot write {}", aside.display()))?;
+    let replaced = replace();
+    if replaced.is_err() {
+        let _ = fs::remove_file(&aside);
+    }
+    replaced.map(|()| aside)
+}
+
+/// The first name `NAME-2.ENDING`, `NAME-3.ENDING`, … at which nothing stands, nor a recording that was not completed.
+pub(crate) fn free_numbered(path: &Path) -> PathBuf {
+    let named = |number: u64| {
+        let mut name = path.file_stem().unwrap_or_default().to_os_string();
+        name.push(format!("-{number}"));
+        if let Some(ending) = path.extension() {
+            name.push(".");
+            name.push(ending);
+        }
+        path.with_file_name(name)
+    };
+    let mut number = 2;
+    let is_taken = |path: &Path| fs::symlink_metadata(path).is_ok();
+    while is_taken(&named(number)) || is_taken(&floorprint_io::ros::active_path(&named(number))) {
+        number += 1;
+    }
+    named(number)
 }

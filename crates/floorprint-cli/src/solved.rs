@@ -102,10 +102,15 @@ impl Task<'_> {
             Some((path, start)) => Some(Earlier { session: SessionFile::open(path)?.load()?, start }),
             None => None,
         };
+        let annotations = self.earlier.map(|(path, _)| SessionFile::read_annotations(path)).transpose()?;
         let mut keeper = beside
             .filter(|_| keeps_session(&config))
             .map(|out| SessionKeeper::beside(out, terminal, notes(&config, &data_set.input_hash)))
             .map(|keeper| keeper.every(self.work.save_every()));
+        // What people said of the map stays true where it is gone on with.
+        if let (Some(keeper), Some(annotations)) = (&mut keeper, annotations.filter(|all| !all.is_empty())) {
+            keeper.annotate(&annotations);
+        }
         let mut snapshots = self.work.snapshots();
         let mut around = Surroundings {
             terminal,

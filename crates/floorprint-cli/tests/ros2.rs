@@ -13,15 +13,20 @@ use std::process::{Command, Stdio};
 /// Both sides, in a network with nobody else.
 const SCRIPT: &str = r#"
 ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo || exit 1
-"$FLOORPRINT" live --ros2 --out "$FOLDER/live" --record "$FOLDER/drive.mcap" 2> "$FOLDER/said" &
+"$FLOORPRINT" live --ros2 --out "$FOLDER/live" --record "$FOLDER/drive.mcap" --save-to "$FOLDER" 2> "$FOLDER/said" &
 live=$!
-"$PYTHON" "$PEER" "$RATE" 2 pose < "$FOLDER/drive.jsonl" > "$FOLDER/found.json" 2> "$FOLDER/peer"
+"$PYTHON" "$PEER" "$RATE" 2 map < "$FOLDER/drive.jsonl" > "$FOLDER/found.json" 2> "$FOLDER/peer"
 kill -TERM $live
 wait $live
 ended=$?
-"$FLOORPRINT" live --ros2 --map "$FOLDER/live/session.gpkg" --pose 0,0,0 2>> "$FOLDER/said" &
+"$FLOORPRINT" live --ros2 --map "$FOLDER/live/session.gpkg" --pose 0,0,0 --save-to "$FOLDER" 2>> "$FOLDER/said" &
 live=$!
-"$PYTHON" "$PEER" "$RATE" 1 amcl_pose < "$FOLDER/drive.jsonl" > "$FOLDER/followed.json" 2>> "$FOLDER/peer"
+"$PYTHON" "$PEER" "$RATE" 1 follow < "$FOLDER/drive.jsonl" > "$FOLDER/followed.json" 2>> "$FOLDER/peer"
+kill -TERM $live
+wait $live
+"$FLOORPRINT" live --ros2 --session "$FOLDER/other.gpkg" --record "$FOLDER/other.mcap" --save-to "$FOLDER" 2>> "$FOLDER/said" &
+live=$!
+"$PYTHON" "$PEER" 4 0 change < "$FOLDER/drive.jsonl" > "$FOLDER/changed.json" 2>> "$FOLDER/peer"
 kill -TERM $live
 wait $live
 exit $ended
@@ -114,6 +119,9 @@ fn a_robot_of_another_make_is_mapped() {
     let ([from_s, to_s], [from_m, to_m]) = (ends(0), ends(1));
     assert!(to_s > 1009.8 && (to_m - from_m - 0.4 * (to_s - from_s)).abs() < 0.05, "{found}");
     assert!(found["map"][2].as_u64().unwrap() > 100, "{found}");
+    let [meta_data, map] = [&found["meta_data"], &found["map"]];
+    assert_eq!([&meta_data[0], &meta_data[1]], [&map[0], &map[1]], "{found}");
+    assert!((meta_data[2].as_f64().unwrap() - 0.05).abs() < 1e-6, "{found}");
     assert!(found["late_s"].as_f64().is_some_and(|late_s| late_s < 3.0), "{found}");
     // In the map that was made the robot is followed, as AMCL's listeners expect it.
     let followed: serde_json::Value = serde_json::from_str(&read("followed.json")).unwrap_or_else(|_| panic!("{said}"));
@@ -129,6 +137,34 @@ fn a_robot_of_another_make_is_mapped() {
         (x_m - from_m - 0.4 * (stamp_s - from_s)).abs() < 0.1 && weight > 0.5 && weight <= 1.0 + 1e-9,
         "{followed}"
     );
+    // Services of slam_toolbox and AMCL answer, and refuse what cannot be.
+    let services = &found["services"];
+    // Since the last whole map patches came.
+    let [newest, whole] = [&services["map"], &found["map"]].map(|map| map[2].as_u64().unwrap_or(0));
+    assert!(newest >= whole && newest < whole + 100, "{found}");
+    for (service, answer) in [("serialize", 0), ("clear", 0), ("elsewhere", 1), ("nowhere", 3), ("localize", 2)] {
+        assert_eq!(services[service], answer, "{service}: {found}, {said}");
+    }
+    assert_eq!(followed["services"], serde_json::json!({"pose": 0, "mapping": 2, "load": 0}), "{said}");
+    // A session that began anew has set the one before it aside, and goes on with the one that was saved.
+    let changed: serde_json::Value = serde_json::from_str(&read("changed.json")).unwrap_or_else(|_| panic!("{said}"));
+    println!("{changed}");
+    // Of two nodes on one topic the first one is believed; and datagrams of chance ended nothing.
+    assert!(said.contains("several nodes publish on /odom"), "{said}");
+    // The other one says that it is 50 m away, which map→odom would have to make up for.
+    assert!(changed["largest_m"].as_f64().is_some_and(|largest_m| largest_m < 1.0), "{changed}");
+    let (end_s, end_m) = (changed["last"][0].as_f64().unwrap(), changed["last"][1].as_f64().unwrap());
+    assert!(end_s > 1009.0 && (end_m - 0.4 * (end_s - 1000.0)).abs() < 0.1, "{changed}");
+    let services = &changed["services"];
+    assert_eq!([&services["reset"], &services["load"]], [0, 0], "{changed}, {said}");
+    let [loaded, saved] = [&services["map"], &found["services"]["map"]];
+    assert_eq!([&loaded[0], &loaded[1]], [&saved[0], &saved[1]], "{changed}, {said}");
+    // As it is made a map follows corrections of less than a quarter of a cell only in part.
+    let [loaded, saved] = [loaded, saved].map(|map| map[2].as_f64().unwrap());
+    assert!((loaded / saved - 1.0).abs() < 0.05, "{changed}, {found}");
+    for name in ["other-2.gpkg", "other.gpkg", "other.mcap", "other-2.mcap", "other-3.mcap"] {
+        assert!(at(name).is_file(), "no {name}: {said}");
+    }
     // What was recorded gives the same, to the byte; where the machine is so busy that the last loops could not be closed
     // within the second that the session had, there is nothing to compare with.
     if !read("live/live.json").contains("\"finished\": true") {

@@ -1,5 +1,6 @@
 //! Readers and writers: everything of Floorprint that touches files.
 
+mod annotations;
 mod budget;
 pub mod calibration;
 mod data_set;
@@ -35,6 +36,7 @@ mod stamps;
 mod trajectory;
 mod unpack;
 
+pub use annotations::{AnnotationError, Annotations, NamedPlace};
 pub use budget::USUAL_EXPANSION;
 pub use data_set::{
     BagContents, DataSet, DriveEntry, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice,
@@ -57,5 +59,5 @@ pub use replace::{copy_file, write_file, write_files};
 pub use run_folder::{Contents, RunFolder, free_beside};
 pub use scratch_file::ScratchFile;
 pub use scratch_folder::remove_unpacked;
-pub use session_file::{Layers, SessionFile};
+pub use session_file::{ANNOTATIONS, Layers, SessionFile};
 pub use trajectory::{read_trajectory, write_kitti, write_trajectory};

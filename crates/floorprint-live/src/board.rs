@@ -5,6 +5,8 @@ use crate::engine::Step;
 use crate::inbox::{Inbox, Lost};
 use crate::map_picture::MapPicture;
 use floorprint::geometry::Pose2;
+use floorprint::map::ChangedPatch;
+use floorprint_io::Annotations;
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -26,10 +28,21 @@ pub struct Situation {
     pub step: Option<Arc<Step>>,
     /// The newest pose of the odometry, `odom_from_body`, with its stamp (seconds).
     pub odometry: Option<(f64, Pose2)>,
+    /// What time it is by the sensors, seconds; `None` before anything came.
+    pub now_s: Option<f64>,
     /// What is counted.
     pub counts: Counts,
     /// How long scans take to their pose.
     pub delays: DelaySummary,
+}
+
+impl Situation {
+    /// What time it is by the sensors, seconds: no earlier than the newest scan's stamp, where a clock was not set since.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        let step_s = self.step.as_ref().map_or(0.0, |step| step.stamp_s);
+        self.now_s.unwrap_or(step_s)
+    }
 }
 
 /// What is counted in a session.
@@ -61,6 +74,17 @@ pub struct Picture {
     pub closures: Vec<[[f32; 2]; 2]>,
 }
 
+/// What lies over the map: what people say of it, and how it differs from an earlier one.
+#[derive(Debug, Clone, Default)]
+pub struct Overlay {
+    /// Counts its states: who changes it says from which one.
+    pub revision: u64,
+    /// Names of places and keep-out areas.
+    pub annotations: Annotations,
+    /// What is new and what is gone since the map that it is compared with.
+    pub changes: Vec<ChangedPatch>,
+}
+
 /// A board that one thread writes and any number look at: each sees the newest, whenever it looks.
 #[derive(Debug)]
 pub struct Board {
@@ -70,8 +94,11 @@ pub struct Board {
     pub name: String,
     /// Where commands go.
     pub inbox: Arc<Inbox>,
+    /// Whether viewers may change the map and what is said of it.
+    pub is_editable: bool,
     situation: watch::Sender<Arc<Situation>>,
     picture: watch::Sender<Arc<Picture>>,
+    overlay: watch::Sender<Arc<Overlay>>,
 }
 
 impl Board {
@@ -82,8 +109,10 @@ impl Board {
             mode,
             name: name.to_owned(),
             inbox,
+            is_editable: mode == Mode::Mapping,
             situation: watch::Sender::default(),
             picture: watch::Sender::default(),
+            overlay: watch::Sender::default(),
         }
     }
 
@@ -97,6 +126,23 @@ impl Board {
         self.picture.send_replace(Arc::new(picture));
     }
 
+    /// Shows other annotations.
+    pub fn annotate(&self, annotations: Annotations) {
+        let before = self.overlay();
+        self.overlay.send_replace(Arc::new(Overlay {
+            revision: before.revision + 1,
+            annotations,
+            changes: before.changes.clone(),
+        }));
+    }
+
+    /// Shows how the map differs from an earlier one.
+    pub fn show_changes(&self, changes: Vec<ChangedPatch>) {
+        let before = self.overlay();
+        let annotations = before.annotations.clone();
+        self.overlay.send_replace(Arc::new(Overlay { revision: before.revision + 1, annotations, changes }));
+    }
+
     /// The newest situation.
     #[must_use]
     pub fn situation(&self) -> Arc<Situation> {
@@ -107,6 +153,18 @@ impl Board {
     #[must_use]
     pub fn picture(&self) -> Arc<Picture> {
         self.picture.borrow().clone()
+    }
+
+    /// What lies over the map.
+    #[must_use]
+    pub fn overlay(&self) -> Arc<Overlay> {
+        self.overlay.borrow().clone()
+    }
+
+    /// To wait for what lies over the map.
+    #[must_use]
+    pub fn watch_overlay(&self) -> watch::Receiver<Arc<Overlay>> {
+        self.overlay.subscribe()
     }
 
     /// To wait for what is new.

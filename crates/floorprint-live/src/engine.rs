@@ -31,6 +31,10 @@ pub enum Whereabouts {
     Unknown,
     /// Where the session ended, if the drive begins within so many seconds of it; else anywhere.
     LastIfWithin(f64),
+    /// Where the session began: it is placed when the evidence suffices, and shown there until then.
+    First,
+    /// About here, `map_from_body`: as [`First`](Self::First).
+    At(Pose2),
 }
 
 /// Goes on with a session; the drive's first scan has this stamp, seconds.
@@ -44,14 +48,14 @@ pub fn resume(
     config: &Config,
 ) -> Result<Slam, SessionError> {
     let pause_s = session.last_pose().map(|last| first_stamp_s - last.stamp_s);
-    let goes_on = match whereabouts {
-        Whereabouts::Last => true,
-        Whereabouts::Unknown => false,
-        Whereabouts::LastIfWithin(most_s) => pause_s.is_some_and(|pause_s| (0.0..=most_s).contains(&pause_s)),
-    };
+    let first = session.world_from_bodies().first().copied().unwrap_or(Pose2::IDENTITY);
     let mut slam = Slam::resume(session, config)?;
-    if !goes_on {
-        slam.interrupt();
+    match whereabouts {
+        Whereabouts::Last => {}
+        Whereabouts::LastIfWithin(most_s) if pause_s.is_some_and(|pause_s| (0.0..=most_s).contains(&pause_s)) => {}
+        Whereabouts::LastIfWithin(_) | Whereabouts::Unknown => slam.interrupt(),
+        Whereabouts::First => slam.interrupt_at(&first),
+        Whereabouts::At(map_from_body) => slam.interrupt_at(&map_from_body),
     }
     Ok(slam)
 }
@@ -165,6 +169,20 @@ impl Engine {
         let Work::Localizing(localizer) = &mut self.work else { return false };
         **localizer = localizer.restarted(start, &self.config);
         true
+    }
+
+    /// Puts another session in the place of the one that there is, such as a part of it; the drive goes on at its end. Memory is
+    /// bounded no more, see [`limit_memory`](Self::limit_memory). Nothing changes of a localizer.
+    ///
+    /// # Errors
+    /// When the configured filter cannot go on with it; everything is as it was then.
+    pub fn replace_session(&mut self, session: Session) -> Result<(), SessionError> {
+        match &mut self.work {
+            Work::Mapping(slam) => **slam = Slam::resume(session, &self.config)?,
+            Work::Resuming(resuming, _) => **resuming = session,
+            Work::Localizing(_) => {}
+        }
+        Ok(())
     }
 
     /// The newest pose of the robot's odometry, `odom_from_body`, where it states poses.

@@ -1,21 +1,27 @@
 //! What waits for the engine: a bounded queue in which scans may be lost, oldest first, and nothing else.
 
+use floorprint::geometry::Pose2;
 use floorprint::localization::Start;
 use floorprint::sensors::Record;
+use floorprint::session::Region;
+use floorprint_io::Annotations;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use thiserror::Error;
 
 /// So many scans may wait. An engine that keeps up has one; the rest bridges a pause of the machine (0.4 s at 40 Hz).
 const MOST_SCANS: usize = 16;
 /// So many other readings may wait: a second of the fastest IMU.
 const MOST_READINGS: usize = 4096;
 
-/// Saving a session takes no longer than this.
-const LONGEST_SAVE: Duration = Duration::from_secs(30);
+/// So many changes may wait.
+const MOST_CHANGES: usize = 8;
+/// What is asked for (saving or changing a session) takes no longer than this.
+const LONGEST_WORK: Duration = Duration::from_secs(30);
 
 /// Something for the engine.
 #[derive(Debug)]
@@ -26,8 +32,41 @@ pub enum Event {
     Start(Start),
     /// Somebody wants the session in a file, and is told whether it is there.
     Save(PathBuf, SyncSender<bool>),
+    /// Somebody wants the session to be another one, and is told when it is, or why it is not.
+    Change(Change, SyncSender<Result<(), Refusal>>),
     /// Nothing came for as long as was to be waited.
     Nothing,
+}
+
+/// What may be wanted of a session while it goes on.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Change {
+    /// To begin anew. What there is of a session is set aside.
+    Reset,
+    /// To go on with the map of a file, where the robot is said to be; `None` is where that map began. What there is of a
+    /// session is set aside.
+    Load(PathBuf, Option<Pose2>),
+    /// To hold nothing but what was seen of a region. What there was of the session is set aside.
+    Restrict(Region),
+    /// That places and keep-out areas are these. The number is the [`Overlay`](crate::Overlay)'s that they were made from.
+    Annotate(u64, Annotations),
+}
+
+/// Why something that was asked for is not done.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum Refusal {
+    /// It makes no sense in this mode.
+    #[error("{0}")]
+    Mode(&'static str),
+    /// Somebody else was faster.
+    #[error("somebody else changed it meanwhile")]
+    Stale,
+    /// The file that is named cannot be read.
+    #[error("{0}")]
+    Unreadable(String),
+    /// It was tried.
+    #[error("{0}")]
+    Failed(String),
 }
 
 /// What was lost because the engine did not keep up, or was not wanted.
@@ -135,7 +174,25 @@ impl Inbox {
         state.push(Event::Save(path, done));
         drop(state);
         self.changed.notify_all();
-        wait.recv_timeout(LONGEST_SAVE).unwrap_or(false)
+        wait.recv_timeout(LONGEST_WORK).unwrap_or(false)
+    }
+
+    /// Has the session changed, and waits until it is.
+    ///
+    /// # Errors
+    /// Why it is not.
+    pub fn change(&self, change: Change) -> Result<(), Refusal> {
+        let (done, wait) = sync_channel(1);
+        let mut state = self.lock();
+        if state.is_closed
+            || state.waiting.iter().filter(|event| matches!(event, Event::Change(..))).count() >= MOST_CHANGES
+        {
+            return Err(Refusal::Failed("too much is asked for at once".to_owned()));
+        }
+        state.push(Event::Change(change, done));
+        drop(state);
+        self.changed.notify_all();
+        wait.recv_timeout(LONGEST_WORK).unwrap_or_else(|_| Err(Refusal::Failed("nobody answers".to_owned())))
     }
 
     /// Whether scans are left out until further notice.
@@ -226,7 +283,7 @@ mod tests {
         std::iter::from_fn(|| inbox.next(PATIENCE))
             .filter_map(|event| match event {
                 Event::Record(record, _) => Some(record.stamp_s()),
-                Event::Start(_) | Event::Save(..) | Event::Nothing => None,
+                Event::Start(_) | Event::Save(..) | Event::Change(..) | Event::Nothing => None,
             })
             .collect()
     }

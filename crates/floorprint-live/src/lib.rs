@@ -22,8 +22,9 @@ mod map_picture;
 mod playback;
 #[cfg(feature = "ros2")]
 pub mod ros2;
+mod sensor_clock;
 
-pub use board::{Board, Counts, Line, Mode, Picture, Situation};
+pub use board::{Board, Counts, Line, Mode, Overlay, Picture, Situation};
 pub use delays::{DelaySummary, Delays};
 pub use engine::{Engine, EngineError, Step, Whereabouts, resume};
 #[cfg(feature = "foxglove")]
@@ -31,7 +32,8 @@ pub use foxglove::FoxgloveServer;
 pub use frame_names::FrameNames;
 pub use guard::{AccessError, Token};
 pub use http::{Server, ServerError};
-pub use inbox::{Event, Inbox, Lost};
+pub use inbox::{Change, Event, Inbox, Lost, Refusal};
 pub use json_lines::JsonLines;
 pub use map_picture::{LEVELS, MapPicture, PICTURE_SIDE, Place};
 pub use playback::play;
+pub use sensor_clock::{STEP_BACK_S, SensorClock};

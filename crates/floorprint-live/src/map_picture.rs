@@ -40,6 +40,15 @@ impl MapPicture {
         Self { changed: all.collect(), cells: Cells::Raster(Arc::new(raster)) }
     }
 
+    /// Another map in its place, which does not change any more.
+    #[must_use]
+    pub fn replaced_by(&self, raster: Raster<Occupancy>, revision: u64) -> Self {
+        let mut new = Self::of_raster(raster, revision);
+        // Nothing is to be seen any more where only the old one was.
+        new.changed.extend(self.changed.keys().map(|&place| (place, revision)));
+        new
+    }
+
     /// The same map as it is now in `grid`.
     #[must_use]
     pub fn followed_by(&self, grid: &OccupancyGrid, revision: u64) -> Self {

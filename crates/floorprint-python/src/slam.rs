@@ -108,9 +108,7 @@ impl Slam {
 
     /// The session so far.
     fn session(&self, py: Python<'_>) -> PyResult<Session> {
-        let stored = self.with(py, |live| {
-            Ok(Stored { session: live.slam.session().clone(), config: live.config.clone(), floor: None })
-        });
+        let stored = self.with(py, |live| Ok(Stored::new(live.slam.session().clone(), live.config.clone(), None)));
         Ok(Session(stored?))
     }
 
@@ -121,7 +119,7 @@ impl Slam {
             let finish = || {
                 let frames = live.synchronizer.finish()?;
                 live.process(frames)?;
-                Ok(Stored { session: live.slam.finish().session, config: live.config, floor: None })
+                Ok(Stored::new(live.slam.finish().session, live.config, None))
             };
             Some(finish())
         });

@@ -134,7 +134,7 @@ impl Solved {
     fn session(&self) -> Session {
         let solved = self.solved();
         let floor = solved.solution.floor.as_ref().map(|floor| floor.map.clone());
-        Session(Stored { session: solved.solution.session.clone(), config: solved.config.clone(), floor })
+        Session(Stored::new(solved.solution.session.clone(), solved.config.clone(), floor))
     }
 
     fn report_json(&self) -> PyResult<String> {

@@ -141,6 +141,12 @@ impl Slam {
         self.front_end.interrupt();
     }
 
+    /// The same of a robot that is said to be at `world_from_body`: its map begins there, and counts as lost until evidence
+    /// has placed it.
+    pub fn interrupt_at(&mut self, world_from_body: &Pose2) {
+        self.front_end.interrupt_at(&self.session.world_from_odom().inverse().compose(world_from_body));
+    }
+
     /// Appends another session, as a drive whose place on this one is open: it is placed when the evidence suffices, and
     /// else kept apart (see [`SlamResult::kidnappings`]). What comes after it is a drive of its own again.
     ///

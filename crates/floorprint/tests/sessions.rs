@@ -106,6 +106,25 @@ fn a_second_drive_finds_its_place_on_the_first() {
 }
 
 #[test]
+fn a_robot_begins_where_it_is_said_to_be_and_finds_its_place() {
+    let drive = Drive::new("rooms", 3);
+    let middle = drive.frames.len() / 2;
+    let first = drive.solve(&drive.frames[..middle]);
+    let mut slam = Slam::resume(drive.restored(&first.session), &drive.config).unwrap();
+    // Whoever says it knows it about.
+    let said = drive.simulated.true_pose(drive.frames[middle].stamp_s).compose(&Pose2::new(0.3, -0.2, 0.1));
+    slam.interrupt_at(&said);
+    let beginning = Frame { motion: None, ..drive.frames[middle].clone() };
+    let report = slam.process(&beginning).unwrap();
+    assert!(report.is_lost && said.between(&report.pose).distance() < 0.15, "{said:?}, {report:?}");
+    let result = drive.go_on(slam, &drive.frames[middle + 1..]);
+    assert!(!result.kidnappings.is_empty(), "it was not taken to be anywhere");
+    assert!(result.kidnappings.iter().all(|kidnapping| kidnapping.found.is_some()), "{:?}", result.kidnappings);
+    let error_m = drive.largest_error_m(&result, middle);
+    assert!(error_m < 0.1, "{error_m} m");
+}
+
+#[test]
 fn drives_of_other_buildings_are_kept_apart() {
     for (one, other) in [("rooms", "pillars"), ("corridors", "rooms"), ("loop", "corridors")] {
         let (one, other) = (Drive::new(one, 1), Drive::new(other, 1));

@@ -5,6 +5,8 @@ use floorprint::Config;
 use floorprint::back_end::{ClosureReport, Verdict};
 use floorprint::session::{Renderer, Session};
 use floorprint_live::{Board, Engine, Line, Picture};
+use std::path::PathBuf;
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -23,8 +25,19 @@ pub(super) struct Housekeeper<'a> {
     changed: Condvar,
 }
 
+/// A session, the one that takes its place, and who is told where the first one went.
+struct Ended {
+    session: Session,
+    next: Session,
+    told: SyncSender<Result<Option<PathBuf>, String>>,
+}
+
 struct State {
     session: Option<Box<Session>>,
+    /// A session that has ended: another one begins.
+    ended: Option<Box<Ended>>,
+    /// Whether what people say of the map is to be saved.
+    is_annotated: bool,
     /// When the next copy is wanted; `None` while one is worked on.
     due: Option<Instant>,
     is_over: bool,
@@ -32,7 +45,8 @@ struct State {
 
 impl<'a> Housekeeper<'a> {
     pub(super) fn new(config: &'a Config, board: &'a Board) -> Self {
-        let state = State { session: None, due: Some(Instant::now()), is_over: false };
+        let state =
+            State { session: None, ended: None, is_annotated: false, due: Some(Instant::now()), is_over: false };
         Self { config, board, state: Mutex::new(state), changed: Condvar::new() }
     }
 
@@ -48,6 +62,23 @@ impl<'a> Housekeeper<'a> {
         self.changed.notify_all();
     }
 
+    /// Has a session saved and put aside, for another one takes its place; waits until that is done and gives its file's
+    /// name, where there is one.
+    pub(super) fn set_aside(&self, session: Session, next: Session) -> Result<Option<PathBuf>, String> {
+        let (told, wait) = sync_channel(1);
+        let mut state = self.lock();
+        (state.session, state.ended) = (None, Some(Box::new(Ended { session, next, told })));
+        drop(state);
+        self.changed.notify_all();
+        wait.recv().unwrap_or_else(|_| Err("the session ends".to_owned()))
+    }
+
+    /// Has what people say of the map saved.
+    pub(super) fn look_at_annotations(&self) {
+        self.lock().is_annotated = true;
+        self.changed.notify_all();
+    }
+
     /// No copy comes any more.
     pub(super) fn stop(&self) {
         self.lock().is_over = true;
@@ -58,24 +89,50 @@ impl<'a> Housekeeper<'a> {
     pub(super) fn keep(&self, mut keeper: Option<SessionKeeper>) -> Option<SessionKeeper> {
         let mut renderer = Renderer::new(&self.config.map);
         let mut picture = Picture::default();
+        // Of the overlay that was saved last.
+        let mut annotated = 0;
         loop {
             let mut state = self.lock();
-            while state.session.is_none() && !state.is_over {
+            let is_idle = |state: &State| state.session.is_none() && state.ended.is_none() && !state.is_annotated;
+            while is_idle(&state) && !state.is_over {
                 state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
             }
             if state.is_over {
+                let overlay = self.board.overlay();
+                if let Some(keeper) = keeper.as_mut().filter(|_| annotated != overlay.revision) {
+                    keeper.annotate(&overlay.annotations);
+                }
                 return keeper;
             }
-            let session = state.session.take();
+            let (session, ended) = (state.session.take(), state.ended.take());
+            state.is_annotated = false;
             drop(state);
             let started = Instant::now();
+            let mut session = session;
+            if let Some(ended) = ended {
+                let Ended { session: before, next, told } = *ended;
+                let aside = keeper.as_mut().map(|keeper| keeper.set_aside(&before, &next, &self.config.matcher));
+                let aside = aside.transpose().map(Option::flatten).map_err(|error| format!("{error:#}"));
+                if aside.is_ok() {
+                    // Its frames are not those that were drawn.
+                    renderer = Renderer::new(&self.config.map);
+                    session = Some(Box::new(next));
+                }
+                let _ = told.send(aside);
+            }
+            let overlay = self.board.overlay();
+            if std::mem::replace(&mut annotated, overlay.revision) != overlay.revision
+                && let Some(keeper) = &mut keeper
+            {
+                keeper.annotate(&overlay.annotations);
+            }
             if let Some(session) = session {
                 if let Some(keeper) = &mut keeper {
                     keeper.observe_session(&session, &self.config.matcher);
                 }
                 // Who wants an end does not wait for a picture.
                 if self.lock().is_over {
-                    return keeper;
+                    continue;
                 }
                 picture = next_picture(&picture, &session, &mut renderer);
                 self.board.show_picture(picture.clone());

@@ -83,7 +83,7 @@ pub(super) fn end(
     tally: &Tally,
     session: &Session<'_>,
 ) -> anyhow::Result<bool> {
-    let Session { config, terminal, interrupt, board } = *session;
+    let Session { config, terminal, interrupt, board, .. } = *session;
     let counts = tally.counts;
     let mut keeper = keeper;
     // First of all what was seen is made safe.

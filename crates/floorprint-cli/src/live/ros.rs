@@ -92,6 +92,7 @@ pub(super) struct RosSource {
     listener: Listener,
     stream: MessageStream,
     decision: Decision,
+    terminal: Terminal,
 }
 
 impl RosSource {
@@ -132,7 +133,7 @@ impl RosSource {
             terminal.say(&format!("{}: {} ({})", reason.role, reason.what, reason.reason));
         }
         decision.notes.iter().for_each(|note| terminal.note(note));
-        Ok(Some(Self { node, listener, stream, decision }))
+        Ok(Some(Self { node, listener, stream, decision, terminal: terminal.clone() }))
     }
 
     pub(super) fn robot(&self) -> &RobotConfig {
@@ -160,6 +161,11 @@ impl RosSource {
             }
         }
         while !interrupt.requested() {
+            if let Some(topic) = self.listener.next_crowded() {
+                self.terminal.warn(&format!(
+                    "several nodes publish on {topic}: only the first one is listened to, until it falls silent"
+                ));
+            }
             match self.listener.next(PATIENCE) {
                 Some(Incoming { topic: Some(topic), time_s, cdr }) => {
                     self.stream.take(topic, time_s, &cdr).into_iter().for_each(|record| inbox.offer(record));

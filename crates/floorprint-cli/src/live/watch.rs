@@ -2,13 +2,12 @@
 
 use crate::terminal::Terminal;
 use floorprint::sensors::Record;
+use floorprint_live::STEP_BACK_S;
 use std::time::{Duration, Instant};
 
 /// A LiDAR that says nothing for so long has fallen silent.
 const SILENCE: Duration = Duration::from_secs(2);
-/// Stamps that go back by more are a clock that was set, not a message that was late, seconds.
-const STEP_BACK_S: f64 = 1.0;
-/// And those that go on by so much more than time does, seconds.
+/// Stamps that go on by so much more than time does, seconds.
 const STEP_ON_S: f64 = 10.0;
 /// So many steps are told.
 const MOST_STEPS: usize = 10;

@@ -2,6 +2,7 @@
 
 use super::Stored;
 use crate::figure::{Color, Figure};
+use crate::live::is_session;
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
@@ -26,7 +27,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Walls that moved by no more than this did not change, metres.
-    #[arg(long, value_name = "METRES", default_value_t = 0.15, value_parser = number(0.0, 10.0))]
+    #[arg(long, value_name = "METRES", default_value_t = TOLERANCE_M, value_parser = number(0.0, 10.0))]
     tolerance: f64,
     /// Patches smaller than this are left out, square metres [default: 8 cells of the coarser map].
     #[arg(long, value_name = "AREA", value_parser = number(0.0, 1e6))]
@@ -36,12 +37,15 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
+/// Walls that moved by no more than this did not change, metres.
+pub(crate) const TOLERANCE_M: f64 = 0.15;
+
 const NEW: Color = [22, 163, 74];
 const GONE: Color = [220, 38, 38];
 
 impl Arguments {
     pub(super) fn execute(&self, terminal: &Terminal) -> anyhow::Result<Outcome> {
-        let [before, after] = self.maps()?;
+        let [before, after] = maps(&self.before, &self.after)?;
         let least_area_m2 = self.least_area.unwrap_or_else(|| least_area_m2(&before, &after));
         let patches = difference(&before, &after, self.tolerance, least_area_m2);
         let document = geojson(patches.iter().map(|patch| (patch, None))).to_string() + "\n";
@@ -58,39 +62,39 @@ impl Arguments {
         print(&mut out, patches.iter().map(|patch| (patch, None)))?;
         Ok(Outcome::Fine)
     }
+}
 
-    /// Both maps, in the frame of the earlier one.
-    fn maps(&self) -> anyhow::Result<[Raster<Occupancy>; 2]> {
-        match [&self.before, &self.after].map(|path| is_session(path)) {
-            [true, true] => self.maps_of_sessions(),
-            [false, false] => Ok([read_map(&self.before)?, read_map(&self.after)?]),
-            [true, false] => Ok([Stored::load(&self.before)?.map(&self.before)?, read_map(&self.after)?]),
-            [false, true] => Ok([read_map(&self.before)?, Stored::load(&self.after)?.map(&self.after)?]),
-        }
-    }
-
-    fn maps_of_sessions(&self) -> anyhow::Result<[Raster<Occupancy>; 2]> {
-        let (before, after) = (Stored::load(&self.before)?, Stored::load(&self.after)?);
-        let maps = before
-            .maps_with(after.session)
-            .with_context(|| format!("cannot compare {} and {}", self.before.display(), self.after.display()))?;
-        maps.ok_or_else(|| {
-            let (before, after) = (self.before.display(), self.after.display());
-            BadArguments(format!("{after} was not recognised on {before}: how they lie to each other is not known"))
-                .into()
-        })
+/// Both maps, in the frame of the earlier one.
+///
+/// # Errors
+/// One cannot be read, or two sessions have nothing in common.
+pub(crate) fn maps(before: &Path, after: &Path) -> anyhow::Result<[Raster<Occupancy>; 2]> {
+    match [before, after].map(is_session) {
+        [true, true] => maps_of_sessions(before, after),
+        [false, false] => Ok([read_map(before)?, read_map(after)?]),
+        [true, false] => Ok([Stored::load(before)?.map(before)?, read_map(after)?]),
+        [false, true] => Ok([read_map(before)?, Stored::load(after)?.map(after)?]),
     }
 }
 
-/// What is smaller may be what two drives made of one edge that lies between two cells.
+/// Of how many cells of the coarser map a patch is at least. What is smaller may be what two drives made of one edge that
+/// lies between two cells.
 const LEAST_CELLS: f64 = 8.0;
 
-fn least_area_m2(before: &Raster<Occupancy>, after: &Raster<Occupancy>) -> f64 {
+/// Smaller patches are left out, square metres.
+pub(crate) fn least_area_m2(before: &Raster<Occupancy>, after: &Raster<Occupancy>) -> f64 {
     LEAST_CELLS * before.resolution_m.max(after.resolution_m).powi(2)
 }
 
-fn is_session(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending == "gpkg")
+fn maps_of_sessions(before: &Path, after: &Path) -> anyhow::Result<[Raster<Occupancy>; 2]> {
+    let both = [before, after].map(Path::display);
+    let maps = Stored::load(before)?
+        .maps_with(Stored::load(after)?.session)
+        .with_context(|| format!("cannot compare {} and {}", both[0], both[1]))?;
+    let unknown = || {
+        BadArguments(format!("{} was not recognised on {}: how they lie to each other is not known", both[1], both[0]))
+    };
+    maps.ok_or_else(|| unknown().into())
 }
 
 /// First and last time at which a patch was seen, seconds.

@@ -3,10 +3,10 @@
 use super::{Stored, ensure_free};
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
-use anyhow::{Context as _, ensure};
+use anyhow::Context as _;
 use clap::Args;
 use floorprint::geometry::{Polygon, Pose2};
-use floorprint::map::{Occupancy, Raster};
+use floorprint::map::Raster;
 use floorprint::session::Region;
 use floorprint::texture::TextureMap;
 use std::io::Write as _;
@@ -83,30 +83,10 @@ impl Erase {
 
 fn restrict(path: &Path, regions: &[Region], out: &Path, terminal: &Terminal) -> anyhow::Result<Outcome> {
     ensure_free(out)?;
-    let mut stored = Stored::load(path)?;
-    let before = occupied_m2(&stored.map(path)?);
-    for region in regions {
-        stored.session = stored
-            .session
-            .restricted_to(region, &stored.config.matcher)
-            .with_context(|| format!("cannot change {}", path.display()))?;
-    }
-    let left = stored.session.map().to_raster();
-    let Some(left) = left else {
-        return Err(BadArguments(format!("nothing of {} is left: is the polygon in metres?", path.display())).into());
-    };
-    let gone = before - occupied_m2(&left);
-    ensure!(gone != 0.0, "{}: nothing stands in the polygon, so that nothing changed", path.display());
-    if let (Some(floor), [Region::Inside(polygon)]) = (&mut stored.floor, regions) {
-        *floor = floor.map(|index, center| floor.cells[index].filter(|_| polygon.contains(center)));
-    }
+    let (stored, gone) = Stored::load(path)?.restricted_to(regions, path)?;
     stored.save_as_new(out)?;
     writeln!(terminal.results(), "{}: {gone:.2} m² of what stood there are taken out", out.display())?;
     Ok(Outcome::Fine)
-}
-
-fn occupied_m2(map: &Raster<Occupancy>) -> f64 {
-    map.cells.iter().filter(|&&cell| cell == Occupancy::Occupied).count() as f64 * map.resolution_m.powi(2)
 }
 
 impl Rotate {
@@ -122,6 +102,7 @@ impl Rotate {
         };
         let turn = Pose2::new(0.0, 0.0, angle_rad);
         stored.session = stored.session.moved(&turn);
+        stored.annotations = stored.annotations.moved(&turn);
         stored.floor = stored.floor.map(|floor| turned(&floor, &turn));
         stored.save_as_new(&self.out)?;
         writeln!(terminal.results(), "{}: turned by {:.2}°", self.out.display(), angle_rad.to_degrees())?;

@@ -7,7 +7,7 @@ use crate::terminal::Terminal;
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use floorprint_io::{
-    write_floor, write_floor_geotiff, write_g2o, write_map, write_map_geotiff, write_png, write_raw_map,
+    write_file, write_floor, write_floor_geotiff, write_g2o, write_map, write_map_geotiff, write_png, write_raw_map,
     write_scaled_map, write_trajectory,
 };
 use std::fs;
@@ -58,6 +58,10 @@ impl Arguments {
         write_trajectory(&self.out.join("trajectory.tum"), &stored.session.trajectory())?;
         if let Some(graph) = stored.session.graph() {
             write_g2o(&self.out.join("graph.g2o"), &graph.into())?;
+        }
+        if !stored.annotations.is_empty() {
+            write_file(&self.out.join("annotations.geojson"), stored.annotations.to_geojson().as_bytes())?;
+            write_map(&self.out.join("keepout.yaml"), &stored.annotations.keep_out_mask(&map))?;
         }
         let mut names: Vec<String> = fs::read_dir(&self.out)?
             .filter_map(|entry| Some(entry.ok()?.file_name().to_string_lossy().into_owned()))

@@ -6,16 +6,16 @@ mod export;
 mod info;
 mod merge;
 
-use crate::outcome::Outcome;
+use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
 use anyhow::{Context as _, anyhow, ensure};
 use clap::Subcommand;
 use floorprint::Slam;
 use floorprint::config::{Config, Layer};
 use floorprint::map::{Occupancy, OccupancyGrid, Raster};
-use floorprint::session::{Session, SessionError};
+use floorprint::session::{Region, Session, SessionError};
 use floorprint::texture::TextureMap;
-use floorprint_io::{Layers, SessionFile};
+use floorprint_io::{ANNOTATIONS, Annotations, Layers, SessionFile};
 use std::fs;
 use std::path::Path;
 
@@ -60,6 +60,8 @@ pub struct Stored {
     pub config: Config,
     /// The colours of its floor, where it was painted.
     pub floor: Option<TextureMap>,
+    /// What people said of the map.
+    pub annotations: Annotations,
 }
 
 /// Whether a session was recognised on another one.
@@ -72,6 +74,12 @@ pub enum Placement {
 }
 
 impl Stored {
+    /// A session of which nobody said anything yet.
+    #[must_use]
+    pub fn new(session: Session, config: Config, floor: Option<TextureMap>) -> Self {
+        Self { session, config, floor, annotations: Annotations::default() }
+    }
+
     /// Reads a session's file.
     ///
     /// # Errors
@@ -91,7 +99,7 @@ impl Stored {
             }
             None => Config::default(),
         };
-        Ok(Self { session, config, floor: file.floor()? })
+        Ok(Self { session, config, floor: file.floor()?, annotations: file.annotations()? })
     }
 
     /// This session with `other` looked for on it, without knowing how they lie to each other.
@@ -145,10 +153,54 @@ impl Stored {
     /// A file stands there; nothing was seen in it; the file cannot be written.
     pub fn save_as_new(&self, path: &Path) -> anyhow::Result<()> {
         let map = self.map(path)?;
-        let layers = Layers { session: &self.session, map: &map, floor: self.floor.as_ref() };
-        SessionFile::write_new(path, &layers, &self.config.matcher, &[("config", &self.config.to_toml())])?;
-        Ok(())
+        Ok(SessionFile::write_new(path, &self.layers(&map), &self.config.matcher, &self.notes())?)
     }
+
+    /// Writes it in place of the file at `path`, in one step.
+    ///
+    /// # Errors
+    /// The file cannot be written; it is as it was then.
+    pub(crate) fn save_over(&self, path: &Path) -> anyhow::Result<()> {
+        let map = self.map(path)?;
+        Ok(SessionFile::write_over(path, &self.layers(&map), &self.config.matcher, &self.notes())?)
+    }
+
+    fn layers<'a>(&'a self, map: &'a Raster<Occupancy>) -> Layers<'a> {
+        Layers { session: &self.session, map, floor: self.floor.as_ref() }
+    }
+
+    fn notes(&self) -> Vec<(&'static str, String)> {
+        let annotations = (!self.annotations.is_empty()).then(|| (ANNOTATIONS, self.annotations.to_geojson()));
+        std::iter::once(("config", self.config.to_toml())).chain(annotations).collect()
+    }
+
+    /// Leaves nothing but what was seen of regions.
+    ///
+    /// # Errors
+    /// Nothing would be left of it, or nothing changes.
+    pub(crate) fn restricted_to(mut self, regions: &[Region], path: &Path) -> anyhow::Result<(Self, f64)> {
+        let before = occupied_m2(&self.map(path)?);
+        for region in regions {
+            self.session = self
+                .session
+                .restricted_to(region, &self.config.matcher)
+                .with_context(|| format!("cannot change {}", path.display()))?;
+        }
+        let Some(left) = self.session.map().to_raster() else {
+            let message = format!("nothing of {} is left: is the polygon in metres?", path.display());
+            return Err(BadArguments(message).into());
+        };
+        let gone = before - occupied_m2(&left);
+        ensure!(gone != 0.0, "{}: nothing stands in the polygon, so that nothing changed", path.display());
+        if let (Some(floor), [Region::Inside(polygon)]) = (&mut self.floor, regions) {
+            *floor = floor.map(|index, center| floor.cells[index].filter(|_| polygon.contains(center)));
+        }
+        Ok((self, gone))
+    }
+}
+
+fn occupied_m2(map: &Raster<Occupancy>) -> f64 {
+    map.cells.iter().filter(|&&cell| cell == Occupancy::Occupied).count() as f64 * map.resolution_m.powi(2)
 }
 
 /// The map of some of a session's scans.

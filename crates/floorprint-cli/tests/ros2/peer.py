@@ -1,17 +1,22 @@
 """A robot that speaks ROS 2 by Cyclone DDS: publishes a drive, receives what Floorprint makes of it, and prints that.
 
-Arguments: how many times as fast as it was, how many seconds to wait at the end, and the topic of poses.
-The drive comes as lines of JSON on standard input.
+Arguments: how many times as fast as it was, how many seconds to wait at the end, and what the services are asked
+for: `map`, `follow` in a finished map, or `change` the session.
+The drive comes as lines of JSON on standard input. Then services are asked for what they can, as nodes with
+rmw_cyclonedds do: requests and answers begin with the client's number and that of the request.
 """
+import itertools
 import json
+import random
+import socket
 import sys
 import time
 from dataclasses import dataclass
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, float32, float64, int8, int32, sequence, uint8, uint32
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl.types import array, float32, float64, int8, int32, int64, sequence, uint8, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -148,6 +153,20 @@ class ParticleCloud(IdlStruct, typename="nav2_msgs::msg::dds_::ParticleCloud_"):
     particles: sequence[Particle]
 
 
+@dataclass
+class Asked(IdlStruct, typename="asked"):
+    """What Cyclone's layer of ROS puts before requests and answers."""
+    client: int64
+    number: int64
+
+
+@dataclass
+class Pose2D(IdlStruct, typename="geometry_msgs::msg::dds_::Pose2D_"):
+    x: float64
+    y: float64
+    theta: float64
+
+
 SENSOR = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(5))
 RELIABLE = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(1000))
 LATCHED = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
@@ -164,8 +183,105 @@ def seconds(message):
     return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
+numbers = itertools.count(1)
+BYTE = {"byte": uint8}  # A result, a truth value, or nothing: a structure holds a byte.
+
+
+def ask(robot, service, kind, request, answer=BYTE):
+    """The answer of a service, its only field; None where none comes. A request is fields by name: type and value."""
+    def typed(end, fields):
+        package, name = kind.split("/")
+        fields = {"asked": Asked, **fields}
+        return make_idl_struct(f"{name}_{end}", f"{package}::srv::dds_::{name}_{end}_", fields)
+
+    request_type = typed("Request", {name: type_ for name, (type_, _) in request.items()})
+    reader = DataReader(robot, Topic(robot, f"rr/{service}Reply", typed("Response", answer)), qos=RELIABLE)
+    writer = DataWriter(robot, Topic(robot, f"rq/{service}Request", request_type), qos=RELIABLE)
+    began = time.monotonic()
+    while not (writer.get_matched_subscriptions() and reader.get_matched_publications()):
+        if time.monotonic() - began > 5:
+            return None
+        time.sleep(0.01)
+    number = next(numbers)
+    writer.write(request_type(Asked(4711, number), *(value for _, value in request.values())))
+    while time.monotonic() - began < 20:
+        for found in reader.take(10):
+            # An answer is ours by its numbers.
+            if (found.asked.client, found.asked.number) == (4711, number):
+                return getattr(found, next(iter(answer)))
+        time.sleep(0.005)
+    return None
+
+
+def load(robot, name, match_type, pose):
+    fields = {"filename": (str, name), "match_type": (int8, match_type), "initial_pose": (Pose2D, pose)}
+    return ask(robot, "floorprint/deserialize_map", "slam_toolbox/DeserializePoseGraph", fields)
+
+
+def toolbox(robot, name, kind, *field):
+    return ask(robot, "floorprint/" + name, "slam_toolbox/" + kind, {"field": field})
+
+
+def dynamic_map(robot):
+    grid = ask(robot, "floorprint/dynamic_map", "nav_msgs/GetMap", {"nothing": (uint8, 0)}, {"map": OccupancyGrid})
+    return grid and [grid.info.width, grid.info.height, list(grid.data).count(100)]
+
+
+def ask_while_mapping(robot):
+    """Saves the session, and asks for what cannot be: nothing changes."""
+    here = Pose2D(0.0, 0.0, 0.0)
+    return {
+        "map": dynamic_map(robot),
+        "serialize": toolbox(robot, "serialize_map", "SerializePoseGraph", str, "site"),
+        "clear": toolbox(robot, "clear_changes", "Clear", uint8, 0),
+        "elsewhere": load(robot, "../site", 1, here),
+        "nowhere": load(robot, "nowhere", 1, here),
+        "localize": load(robot, "site", 3, here),
+    }
+
+
+def change_while_mapping(robot):
+    """Begins anew, then goes on with what was saved before."""
+    answers = {
+        "reset": toolbox(robot, "reset", "Reset", uint8, 1),
+        "load": load(robot, "site", 2, Pose2D(3.0, 0.0, 0.0)),
+    }
+    began = time.monotonic()
+    while time.monotonic() - began < 10 and not (answers.get("map") or [0, 0, 0])[2]:
+        answers["map"] = dynamic_map(robot)
+        time.sleep(0.2)
+    return answers
+
+
+def babble():
+    """Datagrams of chance, and ones that begin as those of DDS do, to all ports where nodes listen."""
+    chance = random.Random(1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        for number in range(3000):
+            port = 7400 + chance.choice([0, 1, 10, 11, 12, 13, 14, 15])
+            begin = b"RTPS\x02\x03\x01\x10" + chance.randbytes(12) if number % 2 else b""
+            # Kinds of submessages with flags, and a length that may be wrong.
+            kind = bytes([chance.choice([0x06, 0x07, 0x08, 0x09, 0x0C, 0x0E, 0x12, 0x13, 0x15, 0x16]), chance.randrange(16)])
+            body = kind + chance.randbytes(chance.randrange(200)) if number % 2 else chance.randbytes(300)
+            for address in ("127.0.0.1", "239.255.0.1"):
+                line.sendto(begin + body, (address, port))
+
+
+def ask_in_a_map(robot):
+    """Says where the robot is, and loads the map once more."""
+    pose = PoseWithCovariance(Pose(Vector3(3.0, 0.0, 0.0), STRAIGHT), [0.0] * 36)
+    stamped = PoseWithCovarianceStamped(header(0.0, "map"), pose)
+    here = Pose2D(3.0, 0.0, 0.0)
+    return {
+        "pose": ask(robot, "set_initial_pose", "nav2_msgs/SetInitialPose", {"pose": (PoseWithCovarianceStamped, stamped)}),
+        "mapping": load(robot, "site", 1, here),
+        "load": load(robot, "site", 3, here),
+    }
+
+
 def main():
-    rate, wait_s, pose_topic = float(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
+    rate, wait_s, mode = float(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
+    pose_topic = "amcl_pose" if mode == "follow" else "pose"
     drive = [json.loads(line) for line in sys.stdin]
     robot = DomainParticipant(0)
     topic = lambda name, kind: Topic(robot, "rt/" + name, kind)
@@ -176,6 +292,7 @@ def main():
     poses = DataReader(robot, topic(pose_topic, PoseWithCovarianceStamped), qos=RELIABLE)
     clouds = DataReader(robot, topic("particle_cloud", ParticleCloud), qos=SENSOR)
     maps = DataReader(robot, topic("map", OccupancyGrid), qos=LATCHED)
+    meta_data = DataReader(robot, topic("map_metadata", MapMetaData), qos=LATCHED)
     updates = DataReader(robot, topic("map_updates", OccupancyGridUpdate), qos=RELIABLE)
     static.write(TFMessage([TransformStamped(header(0.0, "base_link"), "laser", Vector3(0.1, 0.0, 0.2), STRAIGHT)]))
     began = time.monotonic()
@@ -192,6 +309,7 @@ def main():
             for transform in message.transforms:
                 if transform.child_frame_id == "odom":
                     found["transforms"] += 1
+                    found["largest_m"] = max(found.get("largest_m", 0.0), abs(transform.translation.x))
                     found["parent"] = transform.header.frame_id
         for message in poses.take(1000):
             found["poses"] += 1
@@ -209,9 +327,12 @@ def main():
             found["maps"] += 1
             cells = list(message.data)
             found["map"] = [message.info.width, message.info.height, cells.count(100), cells.count(0)]
+        for message in meta_data.take(10):
+            found["meta_data"] = [message.width, message.height, message.resolution]
         found["updates"] += len(updates.take(100))
 
     start, first = time.monotonic(), drive[0]["stamp"]
+    rival = DataWriter(robot, topic("odom", Odometry), qos=SENSOR) if mode == "change" else None
     for record in drive:
         due = start + (record["stamp"] - first) / rate
         while time.monotonic() < due:
@@ -223,12 +344,17 @@ def main():
             odometry.write(
                 Odometry(header(record["stamp"], "odom"), "base_link", PoseWithCovariance(pose, [0.0] * 36), still)
             )
+            if rival and record["stamp"] > first + 1:
+                # Another node says on the same topic that the robot is elsewhere.
+                elsewhere = PoseWithCovariance(Pose(Vector3(50.0 - record["x"], 9.0, 0.0), STRAIGHT), [0.0] * 36)
+                rival.write(Odometry(header(record["stamp"] + 0.001, "odom"), "base_link", elsewhere, still))
         else:
             ranges = record["ranges"]
             low, step = record["angle_min"], record["angle_increment"]
             high = low + step * (len(ranges) - 1)
             scans.write(
-                LaserScan(header(record["stamp"], "laser"), low, high, step, 0.0, 0.0, 0.05, 20.0, ranges, [])
+                # Between what the two nodes say, where there are two.
+                LaserScan(header(record["stamp"] + (0.0006 if rival else 0.0), "laser"), low, high, step, 0.0, 0.0, 0.05, 20.0, ranges, [])
             )
             sent_at[round(record["stamp"], 3)] = time.monotonic()
         receive()
@@ -249,6 +375,9 @@ def main():
             found["late_s"] = time.monotonic() - asked
             break
         time.sleep(0.005)
+    if mode == "change":
+        babble()
+    found["services"] = {"map": ask_while_mapping, "follow": ask_in_a_map, "change": change_while_mapping}[mode](robot)
     print(json.dumps(found), flush=True)
 
 

@@ -10,7 +10,7 @@ use crate::data_set::{DataSet, DriveEntry, OpenOptions};
 use crate::error::{Problem, ReadError};
 use crate::source::{FolderSource, Source, folder_names};
 
-pub use ros::{Decision, MessageStream, pose_of};
+pub use ros::{Decision, DeserializeRequest, MessageStream, pose_of, text_of, truth_of};
 pub(crate) use ros::{RecordedImages, begins_like_recording};
 
 /// All formats, in the order in which they are tried.

@@ -282,14 +282,44 @@ impl Message for ParticleCloud<'_> {
 pub struct OccupancyGrid<'a> {
     /// Stamp and the map's frame.
     pub header: Header<'a>,
+    /// Where it lies.
+    pub info: MapMetaData,
+    /// Row by row from the least y: −1 unknown, 0 free, 100 occupied; as bytes.
+    pub cells: &'a [u8],
+}
+
+/// `nav_msgs/MapMetaData`: where an [`OccupancyGrid`] lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapMetaData {
     /// Side of a cell, metres.
     pub resolution_m: f32,
     /// Columns and rows.
     pub size: [u32; 2],
     /// Lower left corner of the first cell, metres.
     pub origin_m: [f64; 2],
-    /// Row by row from the least y: −1 unknown, 0 free, 100 occupied; as bytes.
-    pub cells: &'a [u8],
+}
+
+impl MapMetaData {
+    fn write(&self, cdr: &mut CdrWriter) {
+        // The time at which the map was loaded.
+        cdr.i32(0);
+        cdr.u32(0);
+        cdr.f32(self.resolution_m);
+        cdr.u32(self.size[0]);
+        cdr.u32(self.size[1]);
+        cdr.pose(&(&Pose2::new(self.origin_m[0], self.origin_m[1], 0.0)).into());
+    }
+}
+
+impl Message for MapMetaData {
+    const TYPE: &'static str = "nav_msgs/msg/MapMetaData";
+    const SCHEMA: &'static str = schemas::MAP_META_DATA;
+
+    fn to_cdr(&self) -> Vec<u8> {
+        let mut cdr = CdrWriter::new();
+        self.write(&mut cdr);
+        cdr.into_bytes()
+    }
 }
 
 impl Message for OccupancyGrid<'_> {
@@ -299,12 +329,7 @@ impl Message for OccupancyGrid<'_> {
     fn to_cdr(&self) -> Vec<u8> {
         let mut cdr = CdrWriter::new();
         cdr.header(&self.header);
-        cdr.i32(0);
-        cdr.u32(0);
-        cdr.f32(self.resolution_m);
-        cdr.u32(self.size[0]);
-        cdr.u32(self.size[1]);
-        cdr.pose(&(&Pose2::new(self.origin_m[0], self.origin_m[1], 0.0)).into());
+        self.info.write(&mut cdr);
         cdr.byte_list(self.cells);
         cdr.into_bytes()
     }

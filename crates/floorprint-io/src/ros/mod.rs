@@ -6,9 +6,9 @@ mod messages;
 mod recorder;
 mod schemas;
 
-pub use crate::format::{Decision, MessageStream, pose_of};
+pub use crate::format::{Decision, DeserializeRequest, MessageStream, pose_of, text_of, truth_of};
 pub use messages::{
-    Diagnostics, Header, Imu, LaserScan, Message, OccupancyGrid, OccupancyGridUpdate, Odometry, ParticleCloud,
-    PoseWithCovariance, SpacePose, Text, Transform, Transforms, nanoseconds, seconds_and_nanoseconds,
+    Diagnostics, Header, Imu, LaserScan, MapMetaData, Message, OccupancyGrid, OccupancyGridUpdate, Odometry,
+    ParticleCloud, PoseWithCovariance, SpacePose, Text, Transform, Transforms, nanoseconds, seconds_and_nanoseconds,
 };
-pub use recorder::{LiveSession, Recorder, lidar_frame};
+pub use recorder::{LiveSession, Recorder, active_path, lidar_frame};

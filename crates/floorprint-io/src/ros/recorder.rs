@@ -188,7 +188,8 @@ impl Recorder {
 }
 
 /// What a recording is called while it goes on.
-fn active_path(path: &Path) -> PathBuf {
+#[must_use]
+pub fn active_path(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_os_string();
     name.push(".active");
     name.into()

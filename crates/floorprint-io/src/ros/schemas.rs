@@ -171,6 +171,15 @@ pub(super) const OCCUPANCY_GRID: &str = with!(
     "geometry_msgs/Quaternion": quaternion,
 );
 
+/// `nav_msgs/MapMetaData`.
+pub(super) const MAP_META_DATA: &str = with!(
+    "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\ngeometry_msgs/Pose origin\n",
+    "builtin_interfaces/Time": time,
+    "geometry_msgs/Pose": pose,
+    "geometry_msgs/Point": point,
+    "geometry_msgs/Quaternion": quaternion,
+);
+
 /// `map_msgs/OccupancyGridUpdate`.
 pub(super) const OCCUPANCY_GRID_UPDATE: &str = with!(
     "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data\n",

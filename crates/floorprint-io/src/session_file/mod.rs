@@ -9,6 +9,7 @@ mod layers;
 #[cfg(test)]
 mod tests;
 
+use crate::annotations::Annotations;
 use crate::error::{Problem, ReadError, WriteError};
 use crate::exchange::rename_as_new;
 use crate::replace::{hidden, sync_folder};
@@ -32,6 +33,9 @@ use std::sync::Arc;
 const FORMAT_VERSION: i64 = 2;
 /// Bytes of a pose in files of version 1: stamp, x, y, θ.
 const POSE_BYTES: usize = 32;
+
+/// Under what key it is noted what people say of the map.
+pub const ANNOTATIONS: &str = "annotations";
 
 const TABLES: &str = "
 CREATE TABLE floorprint_meta (key TEXT PRIMARY KEY NOT NULL, value TEXT NOT NULL) WITHOUT ROWID;
@@ -172,14 +176,41 @@ impl SessionFile {
     /// # Errors
     /// When it cannot be written.
     pub fn write(path: &Path, session: &Session, matcher: &MatcherConfig) -> Result<(), WriteError> {
-        let (mut connection, unborn) = Self::make(path)?;
-        append(&mut connection, None, session, matcher).map_err(|error| write_error(path, &error))?;
-        connection.close().map_err(|(_, error)| write_error(path, &error))?;
+        Self::write_with_notes(path, session, matcher, &[])
+    }
+
+    /// The same with [notes](Self::note), pairs of key and value.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_with_notes(
+        path: &Path,
+        session: &Session,
+        matcher: &MatcherConfig,
+        notes: &[(&str, String)],
+    ) -> Result<(), WriteError> {
+        let unborn = Self::write_unborn(path, session, None, matcher, notes)?;
         settle_log(path)?;
         put(&unborn.path, path)
     }
 
-    /// Writes a session with notes and pictures as the file at `path`, which appears whole or not at all.
+    /// Writes a session with pictures and notes as the file at `path`, which appears whole or not at all, in place of one that
+    /// is there.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn write_over(
+        path: &Path,
+        layers: &Layers<'_>,
+        matcher: &MatcherConfig,
+        notes: &[(&str, String)],
+    ) -> Result<(), WriteError> {
+        let unborn = Self::write_unborn(path, layers.session, Some(layers), matcher, notes)?;
+        settle_log(path)?;
+        put(&unborn.path, path)
+    }
+
+    /// Writes a session with pictures and notes as the file at `path`, which appears whole or not at all.
     ///
     /// # Errors
     /// When there is a file already, or it cannot be written.
@@ -187,16 +218,30 @@ impl SessionFile {
         path: &Path,
         layers: &Layers<'_>,
         matcher: &MatcherConfig,
-        notes: &[(&str, &str)],
+        notes: &[(&str, String)],
     ) -> Result<(), WriteError> {
-        let mut file = Self::create(path)?;
-        notes.iter().try_for_each(|(key, value)| file.note(key, value))?;
-        let Self { connection, unborn, .. } = &mut file;
-        append(connection, None, layers.session, matcher).map_err(|error| write_error(path, &error))?;
-        draw(connection, layers).map_err(|error| write_error(path, &error))?;
-        let unborn = unborn.take();
-        file.connection.close().map_err(|(_, error)| write_error(path, &error))?;
-        unborn.map_or(Ok(()), |unborn| put_as_new(&unborn.path, path))
+        refuse_taken(path)?;
+        let unborn = Self::write_unborn(path, layers.session, Some(layers), matcher, notes)?;
+        put_as_new(&unborn.path, path)
+    }
+
+    /// All of a session in a file that is not in its place at `path` yet.
+    fn write_unborn(
+        path: &Path,
+        session: &Session,
+        layers: Option<&Layers<'_>>,
+        matcher: &MatcherConfig,
+        notes: &[(&str, String)],
+    ) -> Result<Unborn, WriteError> {
+        let (mut connection, unborn) = Self::make(path)?;
+        let mut write = || -> rusqlite::Result<()> {
+            notes.iter().try_for_each(|(key, value)| note(&connection, key, value))?;
+            append(&mut connection, None, session, matcher)?;
+            layers.map_or(Ok(()), |layers| draw(&mut connection, layers))
+        };
+        write().map_err(|error| write_error(path, &error))?;
+        connection.close().map_err(|(_, error)| write_error(path, &error))?;
+        Ok(unborn)
     }
 
     /// Opens the file of an earlier drive.
@@ -262,10 +307,7 @@ impl SessionFile {
     /// # Errors
     /// When it cannot be written.
     pub fn note(&self, key: &str, value: &str) -> Result<(), WriteError> {
-        self.connection
-            .execute("INSERT OR REPLACE INTO floorprint_meta VALUES (?1, ?2)", params![key, value])
-            .map(drop)
-            .map_err(|error| write_error(&self.path, &error))
+        note(&self.connection, key, value).map_err(|error| write_error(&self.path, &error))
     }
 
     /// What was noted about the session.
@@ -278,6 +320,33 @@ impl SessionFile {
             rows.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
         };
         read().map_err(|error| read_error(&self.path, &error))
+    }
+
+    /// What people said of the map.
+    ///
+    /// # Errors
+    /// When it cannot be read, or is damaged.
+    pub fn annotations(&self) -> Result<Annotations, ReadError> {
+        let notes = self.notes()?;
+        let Some(text) = notes.get(ANNOTATIONS) else { return Ok(Annotations::default()) };
+        Annotations::from_geojson(text)
+            .map_err(|error| Problem::new(&self.path, error.to_string()).advice("Take an earlier copy of it").into())
+    }
+
+    /// The same of a file that is not changed.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open) and [`annotations`](Self::annotations).
+    pub fn read_annotations(path: &Path) -> Result<Annotations, ReadError> {
+        Self::open_with(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?.annotations()
+    }
+
+    /// Keeps what people say of the map, in place of what they said before.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn annotate(&self, annotations: &Annotations) -> Result<(), WriteError> {
+        self.note(ANNOTATIONS, &annotations.to_geojson())
     }
 
     /// The session as of the last save.
@@ -435,6 +504,10 @@ fn draw(connection: &mut Connection, layers: &Layers<'_>) -> rusqlite::Result<()
     let transaction = connection.transaction()?;
     layers.draw(&transaction)?;
     transaction.commit()
+}
+
+fn note(connection: &Connection, key: &str, value: &str) -> rusqlite::Result<()> {
+    connection.execute("INSERT OR REPLACE INTO floorprint_meta VALUES (?1, ?2)", params![key, value]).map(drop)
 }
 
 /// What SQLite keeps beside a file until it is closed.

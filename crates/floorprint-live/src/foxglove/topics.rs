@@ -111,8 +111,7 @@ impl View<'_> {
 
     /// The time of what is newest, seconds.
     pub(super) fn stamp_s(&self) -> f64 {
-        let step_s = self.situation.step.as_ref().map_or(0.0, |step| step.stamp_s);
-        self.situation.odometry.map_or(step_s, |(stamp_s, _)| stamp_s.max(step_s))
+        self.situation.now_s()
     }
 
     /// The newest message of a topic; `None` where there is none.

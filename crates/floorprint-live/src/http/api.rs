@@ -3,12 +3,14 @@
 use super::feed::Feed;
 use crate::board::{Board, Mode};
 use crate::guard::{COOKIE_NAME, Guard};
+use crate::inbox::{Change, Refusal};
 use crate::map_picture::{LEVELS, PICTURE_SIDE};
 use bytes::Bytes;
-use floorprint::geometry::Pose2;
+use floorprint::geometry::{Polygon, Pose2};
 use floorprint::localization::Start;
 use floorprint::map::Occupancy;
-use floorprint_io::map_bytes;
+use floorprint::session::Region;
+use floorprint_io::{Annotations, NamedPlace, map_bytes};
 use http_body_util::combinators::UnsyncBoxBody;
 use http_body_util::{BodyExt as _, Full, Limited};
 use hyper::body::Incoming;
@@ -25,6 +27,7 @@ use tokio::sync::Semaphore;
 
 const PAGE: &str = include_str!("page.html");
 const SCRIPT: &str = include_str!("page.js");
+const EDIT_SCRIPT: &str = include_str!("edit.js");
 const STYLE: &str = include_str!("page.css");
 const ICON: &str = include_str!("icon.svg");
 
@@ -33,10 +36,14 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
     base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// The type of what viewers are told.
 pub(super) const EVENTS: &str = "text/event-stream";
+/// The picture of the mask of keep-out areas.
+const MASK: &str = "keepout.pgm";
 /// Viewers that are told what happens, at most.
 const MOST_VIEWERS: usize = 16;
 /// Longest command, bytes, and how long it may take to come.
 const LONGEST_COMMAND: usize = 4096;
+/// Longest list of places and areas, bytes.
+const LONGEST_ANNOTATIONS: usize = 256 << 10;
 const COMMAND_TIME: Duration = Duration::from_secs(5);
 
 pub(super) type Answer = Response<UnsyncBoxBody<Bytes, Infallible>>;
@@ -84,18 +91,25 @@ impl Api {
         match (request.method(), path.as_str()) {
             (&Method::GET, "/") => found("text/html; charset=utf-8", PAGE),
             (&Method::GET, "/page.js") => found("text/javascript; charset=utf-8", SCRIPT),
+            (&Method::GET, "/edit.js") => found("text/javascript; charset=utf-8", EDIT_SCRIPT),
             (&Method::GET, "/page.css") => found("text/css; charset=utf-8", STYLE),
             (&Method::GET, "/icon.svg") => found("image/svg+xml", ICON),
             (&Method::GET, "/events") => self.events(),
-            (&Method::GET, "/map.yaml") => self.map_file(0, "application/yaml", "attachment; filename=\"map.yaml\""),
-            (&Method::GET, "/map.pgm") => {
-                self.map_file(1, "image/x-portable-graymap", "attachment; filename=\"map.pgm\"")
+            (&Method::GET, "/map.yaml") => self.map_file("map.pgm", 0),
+            (&Method::GET, "/map.pgm") => self.map_file("map.pgm", 1),
+            (&Method::GET, "/keepout.yaml") => self.map_file(MASK, 0),
+            (&Method::GET, "/keepout.pgm") => self.map_file(MASK, 1),
+            (&Method::GET, "/annotations.geojson") => {
+                let text = self.board.overlay().annotations.to_geojson();
+                attachment("application/geo+json", "annotations.geojson", text)
             }
             (&Method::GET, path) => match path.strip_prefix("/tiles/") {
                 Some(place) => self.tile(place, request.uri().query().unwrap_or_default()),
                 None => refusal(StatusCode::NOT_FOUND),
             },
-            (&Method::POST, "/pose" | "/relocalise" | "/pause") => self.command(&path, request).await,
+            (&Method::POST, "/pose" | "/relocalise" | "/pause" | "/restrict" | "/annotations") => {
+                self.command(&path, request).await
+            }
             _ => refusal(StatusCode::METHOD_NOT_ALLOWED),
         }
     }
@@ -109,11 +123,17 @@ impl Api {
         answer
     }
 
-    fn map_file(&self, which: usize, kind: &'static str, disposition: &'static str) -> Answer {
-        let Some(raster) = self.board.picture().map.to_raster() else { return refusal(StatusCode::NOT_FOUND) };
-        let mut answer = found(kind, map_bytes("map.pgm", &raster).into_iter().nth(which).unwrap_or_default());
-        answer.headers_mut().insert(CONTENT_DISPOSITION, HeaderValue::from_static(disposition));
-        answer
+    /// The YAML file (0) or the picture (1) of the map, or of the mask of keep-out areas.
+    fn map_file(&self, picture: &str, which: usize) -> Answer {
+        let Some(mut raster) = self.board.picture().map.to_raster() else { return refusal(StatusCode::NOT_FOUND) };
+        if picture == MASK {
+            raster = self.board.overlay().annotations.keep_out_mask(&raster);
+        }
+        let [description, pixels] = map_bytes(picture, &raster);
+        match which {
+            0 => attachment("application/yaml", &picture.replace(".pgm", ".yaml"), description),
+            _ => attachment("image/x-portable-graymap", picture, pixels),
+        }
     }
 
     /// `LEVEL/COLUMN/ROW`.
@@ -138,8 +158,20 @@ impl Api {
         }
     }
 
+    /// Asks for a change and waits until it is done.
+    async fn change(&self, change: Change) -> Answer {
+        let inbox = Arc::clone(&self.board.inbox);
+        match tokio::task::spawn_blocking(move || inbox.change(change)).await {
+            Ok(Ok(())) => refusal(StatusCode::NO_CONTENT),
+            Ok(Err(error @ (Refusal::Mode(_) | Refusal::Stale))) => explained(StatusCode::CONFLICT, error.to_string()),
+            Ok(Err(error)) => explained(StatusCode::UNPROCESSABLE_ENTITY, error.to_string()),
+            Err(_) => refusal(StatusCode::INTERNAL_SERVER_ERROR),
+        }
+    }
+
     async fn command(&self, path: &str, request: Request<Incoming>) -> Answer {
-        let body = Limited::new(request.into_body(), LONGEST_COMMAND).collect();
+        let longest = if path == "/annotations" { LONGEST_ANNOTATIONS } else { LONGEST_COMMAND };
+        let body = Limited::new(request.into_body(), longest).collect();
         let body = match tokio::time::timeout(COMMAND_TIME, body).await {
             Ok(Ok(body)) => body.to_bytes(),
             Ok(Err(_)) => return refusal(StatusCode::PAYLOAD_TOO_LARGE),
@@ -157,11 +189,60 @@ impl Api {
                 }
                 _ => return refusal(StatusCode::BAD_REQUEST),
             },
+            ("/restrict", _) if self.board.is_editable => {
+                let region = serde_json::from_slice::<Restriction>(&body).ok().and_then(Restriction::region);
+                return match region {
+                    Some(region) => self.change(Change::Restrict(region)).await,
+                    None => refusal(StatusCode::BAD_REQUEST),
+                };
+            }
+            ("/annotations", _) if self.board.is_editable => {
+                let Ok(Annotated { revision, places, keep_out }) = serde_json::from_slice(&body) else {
+                    return refusal(StatusCode::BAD_REQUEST);
+                };
+                return match Annotations::new(places, keep_out) {
+                    Ok(annotations) => self.change(Change::Annotate(revision, annotations)).await,
+                    Err(error) => explained(StatusCode::BAD_REQUEST, error.to_string()),
+                };
+            }
             // While a map is made poses follow from the drive.
             _ => return refusal(StatusCode::CONFLICT),
         }
         refusal(StatusCode::NO_CONTENT)
     }
+}
+
+/// What is to be left of the map.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Restriction {
+    keep: Side,
+    polygon: Vec<[f64; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Side {
+    Inside,
+    Outside,
+}
+
+impl Restriction {
+    fn region(self) -> Option<Region> {
+        let polygon = Polygon::new(self.polygon).ok()?;
+        Some(match self.keep {
+            Side::Inside => Region::Inside(polygon),
+            Side::Outside => Region::Outside(polygon),
+        })
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Annotated {
+    revision: u64,
+    places: Vec<NamedPlace>,
+    keep_out: Vec<Vec<[f64; 2]>>,
 }
 
 #[derive(Deserialize)]
@@ -176,6 +257,22 @@ struct Place {
 #[serde(deny_unknown_fields)]
 struct Pause {
     paused: bool,
+}
+
+/// Something to be downloaded. The name is one of ours.
+fn attachment(kind: &'static str, name: &str, body: impl Into<Bytes>) -> Answer {
+    let mut answer = found(kind, body);
+    if let Ok(disposition) = HeaderValue::from_str(&format!("attachment; filename=\"{name}\"")) {
+        answer.headers_mut().insert(CONTENT_DISPOSITION, disposition);
+    }
+    answer
+}
+
+/// A refusal that says why.
+fn explained(status: StatusCode, why: String) -> Answer {
+    let mut answer = found("text/plain; charset=utf-8", why);
+    *answer.status_mut() = status;
+    answer
 }
 
 fn found(kind: &'static str, body: impl Into<Bytes>) -> Answer {

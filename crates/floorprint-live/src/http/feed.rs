@@ -1,7 +1,8 @@
 //! What a viewer is told: events with what is new, never faster than it takes them.
 
-use crate::board::{Board, Mode, Picture, Situation};
+use crate::board::{Board, Mode, Overlay, Picture, Situation};
 use bytes::Bytes;
+use floorprint::map::Change;
 use hyper::body::{Body, Frame};
 use serde_json::{Value, json};
 use std::convert::Infallible;
@@ -45,7 +46,7 @@ impl Feed {
         let (events, receiver) = mpsc::channel(1);
         let (situation, picture) = board.watch();
         let teller = Teller { board: Arc::clone(board), events, shown: 0, _permit: permit };
-        tokio::spawn(teller.tell(situation, picture));
+        tokio::spawn(teller.tell(situation, picture, board.watch_overlay()));
         Self(receiver)
     }
 }
@@ -63,9 +64,11 @@ impl Teller {
         mut self,
         mut situation: watch::Receiver<Arc<Situation>>,
         mut picture: watch::Receiver<Arc<Picture>>,
+        mut overlay: watch::Receiver<Arc<Overlay>>,
     ) {
         situation.mark_changed();
         picture.mark_changed();
+        overlay.mark_changed();
         loop {
             let event = tokio::select! {
                 changed = picture.changed() => match changed {
@@ -79,6 +82,13 @@ impl Teller {
                     Ok(()) => {
                         let newest = situation.borrow_and_update().clone();
                         self.of_situation(&newest)
+                    }
+                    Err(_) => return,
+                },
+                changed = overlay.changed() => match changed {
+                    Ok(()) => {
+                        let newest = overlay.borrow_and_update().clone();
+                        self.of_overlay(&newest)
                     }
                     Err(_) => return,
                 },
@@ -105,6 +115,23 @@ impl Teller {
                 "tiles": tiles,
                 "trajectory": picture.trajectory.iter().flat_map(|point| centimetres(*point)).collect::<Vec<_>>(),
                 "closures": picture.closures.iter().map(|ends| [centimetres(ends[0]), centimetres(ends[1])].concat()).collect::<Vec<_>>(),
+            }),
+        )
+    }
+
+    fn of_overlay(&self, overlay: &Overlay) -> Bytes {
+        let annotations = &overlay.annotations;
+        let changes = overlay.changes.iter().map(
+            |patch| json!({"isNew": patch.change == Change::New, "area": patch.area_m2, "outlines": patch.outlines_m}),
+        );
+        event(
+            "overlay",
+            &json!({
+                "revision": overlay.revision,
+                "isEditable": self.board.is_editable,
+                "places": annotations.places(),
+                "keepOut": annotations.keep_out().iter().map(|area| area.corners_m()).collect::<Vec<_>>(),
+                "changes": changes.collect::<Vec<_>>(),
             }),
         )
     }

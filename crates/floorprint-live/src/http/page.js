@@ -22,7 +22,7 @@ function setTheme(dark) {
   root.dataset.theme = dark ? "dark" : "light";
   element("theme").textContent = dark ? "Light" : "Dark";
   const style = getComputedStyle(root);
-  for (const name of ["ground", "text", "robot", "scan", "trajectory", "closure", "mode", "grid", "bad"]) {
+  for (const name of ["ground", "text", "robot", "scan", "trajectory", "closure", "mode", "grid", "bad", "good"]) {
     colors[name] = style.getPropertyValue("--" + name).trim();
   }
   map.pictures.clear();
@@ -201,6 +201,7 @@ function draw() {
   drawTiles();
   if (element("show-grid").checked) drawGrid();
   pen.lineJoin = "round";
+  drawOverlay();
   if (element("show-trajectory").checked) {
     path(picture.trajectory.concat(trail));
     pen.strokeStyle = colors.trajectory;
@@ -320,26 +321,30 @@ function connect() {
     if (events.readyState === EventSource.CLOSED) setTimeout(connect, 3000);
   };
   events.addEventListener("situation", (event) => takeSituation(JSON.parse(event.data)));
+  events.addEventListener("overlay", (event) => takeOverlay(JSON.parse(event.data)));
   events.addEventListener("picture", (event) => takePicture(JSON.parse(event.data)));
 }
 async function command(path, body) {
   const answer = await fetch(path, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) }).catch(() => null);
-  if (!answer?.ok) hint("That did not work" + (answer ? ` (${answer.status})` : ": no connection"), 4000);
+  if (answer?.ok) return;
+  hint("That did not work: " + (answer ? (await answer.text()).trim() || answer.status : "no connection"), 6000);
 }
 let hintTimer = 0;
 function hint(message, milliseconds) {
   clearTimeout(hintTimer);
   element("hint").hidden = !message;
-  text("hint", message);
+  text("hint-text", message);
   if (milliseconds) hintTimer = setTimeout(() => hint(""), milliseconds);
 }
 
 // ---------- hands ----------
 const pointers = new Map();
-let pinch = 0;
+let pinch = 0, pressed = null;
 canvas.addEventListener("pointerdown", (event) => {
   canvas.setPointerCapture(event.pointerId);
   pointers.set(event.pointerId, [event.clientX, event.clientY]);
+  // Two fingers press nothing.
+  pressed = pointers.size === 1 ? [event.clientX, event.clientY] : null;
   if (placing) {
     placing.at = toWorld(event.clientX, event.clientY);
     redraw();
@@ -374,6 +379,8 @@ function release(event) {
   pointers.delete(event.pointerId);
   pinch = 0;
   canvas.classList.remove("moving");
+  const isPress = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 5;
+  if (drawing && isPress && event.type === "pointerup") press(event.clientX, event.clientY);
   if (placing?.at && event.type === "pointerup") {
     command("pose", { x: placing.at[0], y: placing.at[1], theta: placing.theta });
     setPlacing(false);
@@ -412,7 +419,7 @@ element("follow").onclick = () => { setFollow(!view.follow); redraw(); };
 element("fit").onclick = fit;
 element("zoom-in").onclick = () => zoom(1.5);
 element("zoom-out").onclick = () => zoom(1 / 1.5);
-element("set-pose").onclick = () => setPlacing(!placing);
+element("set-pose").onclick = () => { setTool(null); setPlacing(!placing); };
 element("relocalise").onclick = () => command("relocalise", {});
 element("pause").onclick = () => command("pause", { paused: !situation?.paused });
 element("theme").onclick = () => { const dark = root.dataset.theme !== "dark"; stored("floorprint-theme", dark ? "dark" : "light"); setTheme(dark); };
@@ -420,8 +427,3 @@ element("fold").onclick = () => { const fold = element("fold"); fold.setAttribut
 for (const box of document.querySelectorAll("input")) box.onchange = redraw;
 wantsDark.addEventListener("change", () => { if (!stored("floorprint-theme")) setTheme(wantsDark.matches); });
 addEventListener("resize", redraw);
-
-if (canvas.clientWidth <= 640) element("fold").setAttribute("aria-expanded", "false");
-setTheme((stored("floorprint-theme") ?? (wantsDark.matches ? "dark" : "light")) === "dark");
-setInterval(tellState, 1000);
-connect();

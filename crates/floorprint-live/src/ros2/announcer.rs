@@ -9,8 +9,8 @@ use crate::map_picture::{MapPicture, PICTURE_SIDE};
 use floorprint::geometry::Pose2;
 use floorprint::map::Occupancy;
 use floorprint_io::ros::{
-    Diagnostics, Header, Message, OccupancyGrid, OccupancyGridUpdate, ParticleCloud, PoseWithCovariance, Transform,
-    Transforms,
+    Diagnostics, Header, MapMetaData, Message, OccupancyGrid, OccupancyGridUpdate, ParticleCloud, PoseWithCovariance,
+    Transform, Transforms,
 };
 use futures::executor::block_on;
 use futures::future::{Either, select};
@@ -29,6 +29,7 @@ pub(super) struct Announcer {
     options: Options,
     base_frame: String,
     map: Publisher<RawMessage>,
+    meta_data: Publisher<RawMessage>,
     updates: Publisher<RawMessage>,
     transforms: Publisher<RawMessage>,
     pose: Publisher<RawMessage>,
@@ -52,6 +53,10 @@ struct Layout {
     first: [i32; 2],
     /// Columns and rows of pictures.
     size: [usize; 2],
+    /// Where pictures are counted from, metres: another map may have another corner.
+    corner_m: [f64; 2],
+    /// Side of a cell, metres.
+    resolution_m: f64,
     /// Revision of the map that was published whole.
     revision: u64,
 }
@@ -65,6 +70,7 @@ impl Announcer {
             board: Arc::clone(board),
             base_frame: base_frame.to_owned(),
             map: node.publisher::<OccupancyGrid<'_>>(&map, &latched(1))?,
+            meta_data: node.publisher::<MapMetaData>(&format!("{map}_metadata"), &latched(1))?,
             updates: node.publisher::<OccupancyGridUpdate<'_>>(&format!("{map}_updates"), &reliable(100))?,
             transforms: node.publisher::<Transforms<'_>>("/tf", &reliable(100))?,
             pose: node.publisher::<PoseWithCovariance<'_>>(pose, &latched(1))?,
@@ -115,7 +121,7 @@ impl Announcer {
     fn of_situation(&mut self, situation: &Situation) {
         let Some(step) = &situation.step else { return };
         let is_new = step.stamp_s != self.stamp_s;
-        let now_s = situation.odometry.map_or(step.stamp_s, |(stamp_s, _)| stamp_s.max(step.stamp_s));
+        let now_s = situation.now_s();
         if is_new || self.transformed.is_none_or(|transformed| transformed.elapsed() >= TRANSFORM_PERIOD) {
             self.transformed = Some(Instant::now());
             let Options { map_frame, odom_frame, transform_timeout, .. } = &self.options;
@@ -156,7 +162,7 @@ impl Announcer {
         let is_due = match &self.published {
             None => true,
             Some((last, at)) => {
-                let has_grown = (last.first, last.size) != (layout.first, layout.size);
+                let has_grown = *last != Layout { revision: last.revision, ..layout };
                 let changed = map.changed.values().any(|revision| *revision > last.revision);
                 has_grown || (changed && at.elapsed() >= self.options.map_update_interval)
             }
@@ -164,24 +170,8 @@ impl Announcer {
         let stamp_s = self.board.situation().step.as_ref().map_or(0.0, |step| step.stamp_s);
         let header = Header { stamp_s, frame: &self.options.map_frame };
         if is_due {
-            let [columns, rows] = layout.size.map(|pictures| pictures * PICTURE_SIDE);
-            let mut cells = vec![UNKNOWN; columns * rows];
-            for &(column, row) in map.changed.keys() {
-                let at = [column - layout.first[0], row - layout.first[1]].map(|at| at as usize * PICTURE_SIDE);
-                let Some(pixels) = map.picture(0, (column, row)) else { continue };
-                for (up, line) in pixels.chunks_exact(PICTURE_SIDE).rev().enumerate() {
-                    let start = (at[1] + up) * columns + at[0];
-                    cells[start..start + PICTURE_SIDE]
-                        .iter_mut()
-                        .zip(line)
-                        .for_each(|(cell, pixel)| *cell = byte(*pixel));
-                }
-            }
-            let size_m = PICTURE_SIDE as f64 * map.resolution_m();
-            let origin_m = [0, 1].map(|axis| map.origin_m()[axis] + f64::from(layout.first[axis]) * size_m);
-            let size = [columns as u32, rows as u32];
-            let resolution_m = map.resolution_m() as f32;
-            publish(&self.map, &OccupancyGrid { header, resolution_m, size, origin_m, cells: &cells });
+            let _ = self.map.publish(RawMessage(occupancy_grid_in(layout, map, header)));
+            publish(&self.meta_data, &layout.meta_data());
             self.published = Some((layout, Instant::now()));
         } else {
             for (&(column, row), _) in map.changed.iter().filter(|(_, revision)| **revision > self.revision) {
@@ -197,14 +187,50 @@ impl Announcer {
     }
 }
 
+/// The whole map as a `nav_msgs/OccupancyGrid` in CDR; without a cell where there is none.
+pub(super) fn occupancy_grid(map: &MapPicture, stamp_s: f64, frame: &str) -> Vec<u8> {
+    let header = Header { stamp_s, frame };
+    match Layout::of(map, 0) {
+        Some(layout) => occupancy_grid_in(layout, map, header),
+        None => {
+            let info = MapMetaData { resolution_m: 0.0, size: [0; 2], origin_m: [0.0; 2] };
+            OccupancyGrid { header, info, cells: &[] }.to_cdr()
+        }
+    }
+}
+
+fn occupancy_grid_in(layout: Layout, map: &MapPicture, header: Header<'_>) -> Vec<u8> {
+    let [columns, rows] = layout.size.map(|pictures| pictures * PICTURE_SIDE);
+    let mut cells = vec![UNKNOWN; columns * rows];
+    for &(column, row) in map.changed.keys() {
+        let at = [column - layout.first[0], row - layout.first[1]].map(|at| at as usize * PICTURE_SIDE);
+        let Some(pixels) = map.picture(0, (column, row)) else { continue };
+        for (up, line) in pixels.chunks_exact(PICTURE_SIDE).rev().enumerate() {
+            let start = (at[1] + up) * columns + at[0];
+            cells[start..start + PICTURE_SIDE].iter_mut().zip(line).for_each(|(cell, pixel)| *cell = byte(*pixel));
+        }
+    }
+    OccupancyGrid { header, info: layout.meta_data(), cells: &cells }.to_cdr()
+}
+
 impl Layout {
+    fn meta_data(&self) -> MapMetaData {
+        let size_m = PICTURE_SIDE as f64 * self.resolution_m;
+        MapMetaData {
+            resolution_m: self.resolution_m as f32,
+            size: self.size.map(|pictures| (pictures * PICTURE_SIDE) as u32),
+            origin_m: [0, 1].map(|axis| self.corner_m[axis] + f64::from(self.first[axis]) * size_m),
+        }
+    }
+
     /// The rectangle of all pictures; `None` where there is none.
     fn of(map: &MapPicture, revision: u64) -> Option<Self> {
         let columns = map.changed.keys().map(|place| place.0);
         let rows = map.changed.keys().map(|place| place.1);
         let first = [columns.clone().min()?, rows.clone().min()?];
         let last = [columns.max()?, rows.max()?];
-        Some(Self { first, size: [0, 1].map(|axis| (last[axis] - first[axis] + 1) as usize), revision })
+        let size = [0, 1].map(|axis| (last[axis] - first[axis] + 1) as usize);
+        Some(Self { first, size, corner_m: map.origin_m(), resolution_m: map.resolution_m(), revision })
     }
 }
 

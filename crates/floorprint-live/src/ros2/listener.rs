@@ -2,13 +2,14 @@
 
 use super::node::{Node, NodeError, latched, of_sensors, reliable};
 use super::raw_message::RawMessage;
+use super::sole_publisher::SolePublisher;
 use floorprint_io::ros::MessageStream;
 use futures::StreamExt as _;
 use futures::executor::block_on;
 use futures::stream::select_all;
 use ros2_client::Subscription;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, TrySendError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -34,6 +35,8 @@ pub struct Listener {
     queue: Receiver<Incoming>,
     began: Instant,
     lost: Arc<AtomicUsize>,
+    /// Whether a topic has publishers that are not listened to, and whether that was asked for.
+    crowded: Arc<[(AtomicBool, AtomicBool)]>,
 }
 
 impl Listener {
@@ -56,6 +59,13 @@ impl Listener {
         let (sender, queue) = sync_channel(QUEUE);
         let (began, lost) = (Instant::now(), Arc::new(AtomicUsize::new(0)));
         let counter = Arc::clone(&lost);
+        let crowded: Arc<[(AtomicBool, AtomicBool)]> = topics.iter().map(|_| <_>::default()).collect();
+        // Of transforms every node may publish its own.
+        let mut sole: Vec<_> = topics
+            .iter()
+            .map(|(_, type_name, _)| (*type_name != "tf2_msgs/msg/TFMessage").then(SolePublisher::new))
+            .collect();
+        let is_crowded = Arc::clone(&crowded);
         let listen = move || {
             let streams = subscriptions.iter().map(|(topic, subscription)| {
                 subscription.async_stream().map(move |message| (*topic, message)).boxed_local()
@@ -63,7 +73,14 @@ impl Listener {
             let mut messages = select_all(streams);
             while let Some((topic, message)) = block_on(messages.next()) {
                 // What is no message of its type is nobody's.
-                let Ok((RawMessage(cdr), _)) = message else { continue };
+                let Ok((RawMessage(cdr), info)) = message else { continue };
+                if let Some(number) = topic
+                    && let Some(sole) = &mut sole[number]
+                    && !sole.admits(info.publisher_gid(), Instant::now())
+                {
+                    is_crowded[number].0.store(true, Ordering::Relaxed);
+                    continue;
+                }
                 match sender.try_send(Incoming { topic, time_s: began.elapsed().as_secs_f64(), cdr }) {
                     Ok(()) => {}
                     Err(TrySendError::Full(_)) => _ = counter.fetch_add(1, Ordering::Relaxed),
@@ -76,7 +93,7 @@ impl Listener {
             .spawn(listen)
             .map_err(|error| NodeError::of("no thread", error))?;
         let topics = topics.into_iter().map(|(topic, type_name, _)| (options.full_name(&topic), type_name)).collect();
-        Ok(Self { topics, queue, began, lost })
+        Ok(Self { topics, queue, began, lost, crowded })
     }
 
     /// Topics with their types, by number.
@@ -102,6 +119,15 @@ impl Listener {
     #[must_use]
     pub fn next(&self, within: Duration) -> Option<Incoming> {
         self.queue.recv_timeout(within).ok()
+    }
+
+    /// A topic on which more than one node publishes, each once: only the first one is listened to.
+    #[must_use]
+    pub fn next_crowded(&self) -> Option<&str> {
+        let is_new = |(is_crowded, was_told): &(AtomicBool, AtomicBool)| {
+            is_crowded.load(Ordering::Relaxed) && !was_told.swap(true, Ordering::Relaxed)
+        };
+        self.crowded.iter().position(is_new).map(|number| self.topics[number].0.as_str())
     }
 
     /// Messages for which there was no room.

@@ -4,12 +4,14 @@ use super::announcer::Announcer;
 use super::listener::Listener;
 use super::options::Options;
 use super::raw_message::RawMessage;
+use super::service::Service;
 use super::services;
 use crate::board::Board;
 use floorprint_io::ros::Message;
 use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
 use ros2_client::{
-    Context, ContextOptions, MessageTypeName, Name, NodeName, NodeOptions, Publisher, Subscription, dds::rustdds::Topic,
+    Context, ContextOptions, MessageTypeName, Name, NodeName, NodeOptions, Publisher, Subscription,
+    dds::rustdds::{Topic, TopicKind},
 };
 use std::fmt::Display;
 use std::sync::Arc;
@@ -30,6 +32,7 @@ impl NodeError {
 /// A node of ROS 2.
 pub struct Node {
     pub(super) node: ros2_client::Node,
+    context: Context,
     options: Options,
 }
 
@@ -53,7 +56,7 @@ impl Node {
             .name("ros2-spin".to_owned())
             .spawn(spin)
             .map_err(|error| NodeError::of("no thread", error))?;
-        Ok(Self { node, options })
+        Ok(Self { node, context, options })
     }
 
     /// What it is called and listens to.
@@ -98,6 +101,26 @@ impl Node {
     ) -> Result<Publisher<RawMessage>, NodeError> {
         let topic = self.topic(topic, M::TYPE, qos)?;
         self.node.create_publisher(&topic, Some(qos.clone())).map_err(|error| NodeError::of("no publisher", error))
+    }
+
+    /// A service by its full name; `kind` are its package and type.
+    pub(super) fn service(&mut self, name: &str, (package, kind): (&str, &str)) -> Result<Service, NodeError> {
+        let name = if name.starts_with('/') { name.to_owned() } else { format!("/{name}") };
+        Name::parse(&name).map_err(|error| NodeError::of(&name, format!("{error:?}")))?;
+        let participant = self.context.domain_participant();
+        let qos = reliable(10);
+        let topic = |start: &str, end: &str, part: &str| {
+            let kind = format!("{package}::srv::dds_::{kind}_{part}_");
+            participant.create_topic(format!("{start}{name}{end}"), kind, &(&qos).into(), TopicKind::NoKey)
+        };
+        let refused = |error| NodeError::of(&name, error);
+        let (requests, answers) =
+            (topic("rq", "Request", "Request").map_err(refused)?, topic("rr", "Reply", "Response").map_err(refused)?);
+        let requests = self.node.create_subscription(&requests, Some(qos.clone()));
+        let requests = requests.map_err(|error| NodeError::of(&name, error))?;
+        let publisher = participant.create_publisher(&(&qos).into()).map_err(refused)?;
+        let answers = publisher.create_datawriter_no_key_cdr(&answers, Some((&qos).into())).map_err(refused)?;
+        Ok(Service { requests, answers })
     }
 
     fn topic(&self, topic: &str, type_name: &str, qos: &QosProfile) -> Result<Topic, NodeError> {

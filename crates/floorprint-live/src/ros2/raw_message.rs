@@ -14,6 +14,8 @@ const LARGEST: usize = 16 << 20;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct RawMessage(pub(super) Vec<u8>);
 
+impl ros2_client::Message for RawMessage {}
+
 impl Serialize for RawMessage {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         // A tuple of bytes is its bytes: no length before them, and nothing between them.

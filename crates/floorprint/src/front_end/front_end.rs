@@ -109,6 +109,13 @@ impl FrontEnd {
         }
     }
 
+    /// The same of a robot that is said to be at `odom_from_body`.
+    pub fn interrupt_at(&mut self, odom_from_body: &Pose2) {
+        if let Self::RaoBlackwellized(filter) = self {
+            filter.interrupt_at(odom_from_body);
+        }
+    }
+
     /// Forgets the poses before a frame, where that is possible: they are the session's from now on.
     pub fn forget_poses_before(&mut self, frame: usize) {
         if let Self::RaoBlackwellized(filter) = self {

@@ -435,6 +435,14 @@ impl ParticleFilter {
         self.is_interrupted = true;
     }
 
+    /// The same of a robot that is said to be at `odom_from_body`: there its new map begins.
+    pub fn interrupt_at(&mut self, odom_from_body: &Pose2) {
+        self.is_interrupted = true;
+        for particle in &mut self.particles {
+            (particle.pose, particle.last_motion) = (*odom_from_body, Pose2::IDENTITY);
+        }
+    }
+
     fn best_particle(&self) -> &Tracker {
         &self.particles[self.best()]
     }

@@ -20,6 +20,7 @@ mod mcap;
 mod messages;
 mod record_maker;
 mod recording;
+mod requests;
 mod roles;
 mod rosbag2;
 mod slice;
@@ -32,6 +33,7 @@ use super::Format;
 
 pub(crate) use images::RecordedImages;
 pub(crate) use recording::begins_like_recording;
+pub use requests::{DeserializeRequest, text_of, truth_of};
 pub use stream::{Decision, MessageStream, pose_of};
 
 pub(super) const FORMAT: Format = Format {
