@@ -61,7 +61,6 @@ impl SessionKeeper {
         terminal: &Terminal,
         notes: Vec<(&'static str, String)>,
     ) -> anyhow::Result<Self> {
-        remove_unfinished(path);
         let file = if path.exists() { Some(SessionFile::open(path)?) } else { None };
         let mut keeper = Self::new(path.to_path_buf(), path.to_path_buf(), file, terminal, notes);
         keeper.is_in_place = true;
@@ -230,21 +229,6 @@ impl Drop for SessionKeeper {
             self.terminal
                 .warn(&format!("what was seen is kept in {}; --continue goes on from it", self.path.display()));
         }
-    }
-}
-
-/// Removes what processes left beside a session that were killed while they wrote another one in its place. Nobody else works
-/// on it now.
-fn remove_unfinished(path: &Path) {
-    let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return };
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let is_unfinished = |entry: &fs::DirEntry| {
-        let found = entry.file_name();
-        let found = found.to_str().map(|found| found.trim_start_matches('.'));
-        found.is_some_and(|found| found.strip_prefix(name).is_some_and(|rest| rest.starts_with(".unfinished-")))
-    };
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten().filter(is_unfinished) {
-        let _ = fs::remove_file(entry.path());
     }
 }
 
