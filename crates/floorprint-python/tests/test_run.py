@@ -98,6 +98,8 @@ def test_ctrl_c_ends_a_run(drive: Path) -> None:
     # Some seconds of work, during which the signal comes from a timer.
     script = (
         "import floorprint, signal, sys\n"
+        # Who runs the tests in the background of a shell has them ignore Ctrl-C.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "signal.setitimer(signal.ITIMER_REAL, 0.3)\n"
         "signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))\n"
         "try:\n"
