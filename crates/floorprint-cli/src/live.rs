@@ -12,6 +12,7 @@ mod watch;
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::localize::{parse_start, read_any_map};
+use crate::map::is_session;
 use crate::memory::{Memory, StorageWatch};
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
@@ -235,11 +236,6 @@ impl Arguments {
             (None, _) => None,
         })
     }
-}
-
-/// Whether a map is a session, which may hold annotations.
-pub(crate) fn is_session(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending == "gpkg")
 }
 
 /// All that stands around the engine while it works.

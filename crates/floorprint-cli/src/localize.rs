@@ -7,6 +7,7 @@ mod update;
 use crate::config::Settings;
 use crate::figure::{Color, Figure, TRAJECTORY};
 use crate::interrupt::Interrupt;
+use crate::map::is_session;
 use crate::number::number;
 use crate::outcome::Outcome;
 use crate::run_folder;
@@ -98,7 +99,7 @@ pub(crate) fn parse_start(text: &str) -> Result<Start, String> {
 
 /// The map of a session or of a file of ROS, and as it is drawn.
 pub(crate) fn read_any_map(path: &Path) -> anyhow::Result<(LocalizationMap, Raster<Occupancy>)> {
-    if path.extension().is_some_and(|ending| ending == "gpkg") {
+    if is_session(path) {
         let session = SessionFile::read(path)?;
         let map = LocalizationMap::of_session(&session);
         let (map, raster) = map.zip(session.map().to_raster()).context("the session's map shows nothing")?;

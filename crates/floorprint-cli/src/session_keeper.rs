@@ -133,19 +133,22 @@ impl SessionKeeper {
             return Ok(None);
         }
         self.save(session, matcher)?;
-        let Some(file) = self.file.take() else { return Ok(None) };
-        file.close()?;
+        let replaced = self.replace_with(next, matcher);
+        // Whichever of the two lies there now is kept on with.
+        self.file = SessionFile::open(&self.path).ok();
+        replaced.map(Some)
+    }
+
+    fn replace_with(&mut self, next: &Session, matcher: &MatcherConfig) -> anyhow::Result<PathBuf> {
+        if let Some(file) = self.file.take() {
+            file.close()?;
+        }
         if next.frames() == 0 {
             let aside = free_numbered(&self.aside);
             fs::rename(&self.path, &aside).with_context(|| format!("cannot write {}", aside.display()))?;
-            return Ok(Some(aside));
+            return Ok(aside);
         }
-        let swapped = swap(&self.path, &self.aside, || {
-            Ok(SessionFile::write_with_notes(&self.path, next, matcher, &self.notes)?)
-        });
-        // Whichever of the two lies there now is kept on with.
-        self.file = SessionFile::open(&self.path).ok();
-        swapped.map(Some)
+        swap(&self.path, &self.aside, || Ok(SessionFile::write_with_notes(&self.path, next, matcher, &self.notes)?))
     }
 
     /// Keeps what people say of the map.
@@ -240,9 +243,7 @@ impl Drop for SessionKeeper {
 pub(crate) fn swap(path: &Path, aside: &Path, replace: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<PathBuf> {
     let aside = free_numbered(aside);
     // File systems without a second name for a file take a copy.
-    fs::hard_link(path, &aside)
-        .or_else(|_| fs::copy(path, &aside).map(drop))
-        .with_context(|| format!("cannot write {}", aside.display()))?;
+    fs::hard_link(path, &aside).or_else(|_| copy_file(path, &aside))?;
     let replaced = replace();
     if replaced.is_err() {
         let _ = fs::remove_file(&aside);
@@ -267,4 +268,49 @@ pub(crate) fn free_numbered(path: &Path) -> PathBuf {
         number += 1;
     }
     named(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use floorprint::config::Layer;
+    use floorprint::simulator::{SimulationConfig, World, simulate};
+    use floorprint::{Config, Frames};
+
+    #[test]
+    fn a_session_that_cannot_be_set_aside_is_kept_on_with() {
+        let mut simulation = SimulationConfig::default();
+        (simulation.lidar.beams, simulation.lidar.rate_hz, simulation.camera.rate_hz) = (181, 2.0, 0.0);
+        let drive = simulate(World::named("rooms", 1).unwrap(), simulation, 1).unwrap();
+        let config = Config::resolve(&[Layer::from_robot(&drive.config().robot)]).unwrap();
+        let records = drive.records();
+        let mut slam = Slam::new(&config);
+        let mut frames = Frames::new(&records, &config).unwrap().iter().collect::<Vec<_>>().into_iter();
+        for frame in frames.by_ref().take(5) {
+            slam.process(&frame).unwrap();
+        }
+
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("site.gpkg");
+        // There is no such folder, so that nothing can be put aside.
+        let aside = folder.path().join("none").join("site.gpkg");
+        let mut keeper = SessionKeeper::new(path.clone(), aside, None, &Terminal::new(true), Vec::new());
+        let matcher = &config.matcher;
+        let empty = Slam::new(&config).session().clone();
+        for next in [empty.clone(), slam.session().clone()] {
+            let refused = keeper.set_aside(slam.session(), &next, matcher).unwrap_err().to_string();
+            assert!(refused.contains("none"), "{refused}");
+            slam.process(&frames.next().unwrap()).unwrap();
+            keeper.save_now(slam.session(), matcher);
+            assert!(!keeper.has_failed);
+            assert_eq!(SessionFile::read(&path).unwrap().frames(), slam.session().frames());
+        }
+        let aside = folder.path().join("site.gpkg");
+        keeper.aside = aside.clone();
+        let put = keeper.set_aside(slam.session(), &empty, matcher).unwrap();
+        assert_eq!(put, Some(aside.with_file_name("site-2.gpkg")));
+        assert!(!path.exists());
+        keeper.save_now(slam.session(), matcher);
+        assert!(!keeper.has_failed && path.exists());
+    }
 }

@@ -1,11 +1,11 @@
 //! `floorprint view`: a finished session in the browser, to be looked at and, where that is wanted, to be changed.
 
 use crate::interrupt::Interrupt;
+use crate::live::Page;
 use crate::live::housekeeper::next_picture;
-use crate::live::{Page, is_session};
 use crate::localize::read_any_map;
-use crate::map::Stored;
 use crate::map::diff::{TOLERANCE_M, least_area_m2, maps};
+use crate::map::{Stored, is_session};
 use crate::outcome::{BadArguments, Outcome};
 use crate::run_folder;
 use crate::session_keeper::swap;

@@ -288,23 +288,11 @@ fn a_session_is_worked_on_by_one_process() {
     assert!(!lock.exists());
 }
 
+/// Kills each of five robots' sessions four times, at another moment each time; `FLOORPRINT_KILLS` of them all, where it says so.
 #[cfg(unix)]
 #[test]
-fn twenty_kills_lose_nothing_that_was_saved() {
-    kill(4);
-}
-
-/// A long measurement: `cargo test --test live -- --ignored`.
-#[cfg(unix)]
-#[test]
-#[ignore = "takes a minute"]
-fn a_hundred_kills_lose_nothing_that_was_saved() {
-    kill(20);
-}
-
-/// Kills each of five robots' sessions so many times, at another moment each time.
-#[cfg(unix)]
-fn kill(times: u64) {
+fn kills_lose_nothing_that_was_saved() {
+    let times = std::env::var("FLOORPRINT_KILLS").map_or(4, |kills| kills.parse::<u64>().unwrap().div_ceil(5));
     let folder = tempfile::tempdir().unwrap();
     std::thread::scope(|scope| {
         for robot in 0..5 {

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test ends where a step fails")]
 
+use floorprint_io::{Annotations, NamedPlace, SessionFile};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -86,7 +87,28 @@ fn sessions_are_merged_without_knowing_how_they_lie() {
     let at_out = |name: &str| folder.path().join(name).display().to_string();
     floorprint(&["run", &at("tuesday"), "--no-texture", "--out", &at_out("second")], 0);
     let second = at_out("second/session.gpkg");
-    let said = floorprint(&["map", "merge", &session(), &second, "--out", &at_out("both.gpkg")], 0);
+    // Something is said of where the second drive began, and of the end of the first.
+    let say = |path: &str, name: &str, at: [f64; 2]| {
+        let place = NamedPlace { name: name.to_owned(), at };
+        let area = vec![at, [at[0] + 1.0, at[1]], [at[0], at[1] + 1.0]];
+        SessionFile::open(Path::new(path))
+            .unwrap()
+            .annotate(&Annotations::new(vec![place], vec![area]).unwrap())
+            .unwrap();
+    };
+    let first = at_out("first.gpkg");
+    fs::copy(session(), &first).unwrap();
+    say(&first, "dock", [0.5, 0.0]);
+    say(&second, "start of Tuesday", [0.0, 0.0]);
+    let said = floorprint(&["map", "merge", &first, &second, "--out", &at_out("both.gpkg")], 0);
+    let both = PathBuf::from(at_out("both.gpkg"));
+    let annotations = SessionFile::read_annotations(&both).unwrap();
+    let [dock, start] = annotations.places() else { panic!("{annotations:?}") };
+    assert_eq!((&dock.name[..], dock.at, &start.name[..]), ("dock", [0.5, 0.0], "start of Tuesday"));
+    let begins =
+        SessionFile::read(&both).unwrap().trajectory()[SessionFile::read(Path::new(&first)).unwrap().frames()].pose;
+    assert!((start.at[0] - begins.x).hypot(start.at[1] - begins.y) < 1e-9, "{start:?} {begins:?}");
+    assert_eq!(annotations.keep_out().len(), 2);
     assert!(said.contains("was placed on"), "{said}");
     assert_eq!(frames(&at_out("both.gpkg")), frames(&session()) + frames(&second));
     let refused = floorprint(&["map", "merge", &session(), &second, "--out", &at_out("both.gpkg")], 1);

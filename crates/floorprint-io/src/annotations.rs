@@ -103,6 +103,16 @@ impl Annotations {
         all
     }
 
+    /// These and others of the same map, in the same frame.
+    ///
+    /// # Errors
+    /// When there are too many together.
+    pub fn joined(mut self, others: Self) -> Result<Self, AnnotationError> {
+        self.places.extend(others.places);
+        self.keep_out.extend(others.keep_out);
+        if self.places.len().max(self.keep_out.len()) > MOST { Err(AnnotationError::TooMany) } else { Ok(self) }
+    }
+
     /// As a feature collection: points with the property `name`, polygons with the property `keep_out`.
     #[must_use]
     pub fn to_geojson(&self) -> String {

@@ -28,8 +28,8 @@ impl Session {
 
     /// This session with the other looked for on it, and whether it was recognised.
     fn merge(&self, py: Python<'_>, other: &Self) -> PyResult<(Self, bool)> {
-        let merged = py.detach(|| self.0.clone().merged(&other.0.session));
-        let (merged, placement) = merged.or_raise()?;
+        let merged = py.detach(|| self.0.clone().merged(&other.0));
+        let (merged, placement) = merged.map_err(|error| failed(&error))?;
         Ok((Self(merged), placement == Placement::Placed))
     }
 

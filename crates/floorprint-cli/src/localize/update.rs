@@ -1,6 +1,6 @@
 //! `localize --update`: what changed is kept apart, proposed, and put into a new session only on request.
 
-use crate::map::{Stored, diff};
+use crate::map::{Stored, diff, is_session};
 use crate::outcome::BadArguments;
 use anyhow::{Context as _, ensure};
 use floorprint::geometry::Polygon;
@@ -16,10 +16,6 @@ use std::path::Path;
 
 /// Poses that are more probably wrong than this show no changes.
 const LARGEST_LOST_PROBABILITY: f64 = 0.01;
-/// Walls that moved by no more than this did not change, metres, and patches smaller than this are left out, square metres,
-/// as `map diff` has it by default.
-const TOLERANCE_M: f64 = 0.15;
-const LEAST_AREA_M2: f64 = 0.02;
 
 /// What changed, as a drive shows it.
 pub(super) struct Update {
@@ -53,7 +49,8 @@ impl Update {
     }
 
     pub(super) fn found(self) -> Found {
-        let changes = self.changes.found(TOLERANCE_M, LEAST_AREA_M2);
+        let map = self.changes.map();
+        let changes = self.changes.found(diff::TOLERANCE_M, diff::least_area_m2(map, map));
         Found { changes, map: self.changes.map().clone(), start_s: self.start_s.unwrap_or(0.0), scans: self.scans }
     }
 }
@@ -136,7 +133,7 @@ impl Found {
 
 /// That a new session can be written before an hour of work.
 pub(super) fn check(map: &Path, out: &Path) -> anyhow::Result<()> {
-    if map.extension().is_none_or(|ending| ending != "gpkg") {
+    if !is_session(map) {
         let text = format!("{} is no session: only a session can be updated to a new one", map.display());
         return Err(BadArguments(text).into());
     }

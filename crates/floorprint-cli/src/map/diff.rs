@@ -1,8 +1,7 @@
 //! `floorprint map diff`.
 
-use super::Stored;
+use super::{Stored, is_session};
 use crate::figure::{Color, Figure};
-use crate::live::is_session;
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;

@@ -25,7 +25,7 @@ impl Arguments {
         ensure_free(&self.out)?;
         let (first, second) = (Stored::load(&self.first)?, Stored::load(&self.second)?);
         let (merged, placement) = first
-            .merged(&second.session)
+            .merged(&second)
             .with_context(|| format!("cannot merge {} and {}", self.first.display(), self.second.display()))?;
         merged.save_as_new(&self.out)?;
         let mut out = terminal.results();
@@ -39,6 +39,9 @@ impl Arguments {
                 self.first.display(),
                 self.out.display()
             )?;
+            if !second.annotations.is_empty() {
+                writeln!(out, "its places and keep-out areas are left out: draw them in {} anew", self.out.display())?;
+            }
         }
         Ok(Outcome::Fine)
     }

@@ -104,15 +104,21 @@ impl Stored {
 
     /// This session with `other` looked for on it, without knowing how they lie to each other.
     ///
+    /// What people said of the other's map is true of this one where it was placed; else it is left out.
+    ///
     /// # Errors
-    /// One of them cannot be gone on with.
-    pub fn merged(self, other: &Session) -> Result<(Self, Placement), SessionError> {
+    /// One of them cannot be gone on with, or people said too much of both.
+    pub fn merged(self, other: &Self) -> anyhow::Result<(Self, Placement)> {
         let offset = self.session.frames();
-        let result = Slam::resume(self.session, &self.config)?.append(other, &self.config)?.finish();
-        let place = result.kidnappings.iter().find(|kidnapping| kidnapping.frame == offset);
-        let is_placed = place.is_none_or(|kidnapping| kidnapping.found.is_some());
-        let placement = if is_placed { Placement::Placed } else { Placement::Apart };
-        Ok((Self { session: result.session, ..self }, placement))
+        let (session, placement) = put_together(self.session, &other.session, &self.config)?;
+        let first_of = |session: &Session, frame: usize| session.world_from_bodies().get(frame).copied();
+        let annotations = match first_of(&session, offset).zip(first_of(&other.session, 0)) {
+            Some((here, there)) if placement == Placement::Placed => {
+                self.annotations.joined(other.annotations.moved(&here.compose(&there.inverse())))?
+            }
+            _ => self.annotations,
+        };
+        Ok((Self { session, annotations, ..self }, placement))
     }
 
     /// The maps of this session and of a later one, both in this one's frame. Of a later one that goes on from this one
@@ -128,8 +134,8 @@ impl Stored {
         let both = if goes_on {
             later
         } else {
-            match self.merged(&later)? {
-                (both, Placement::Placed) => both.session,
+            match put_together(self.session, &later, &config)? {
+                (both, Placement::Placed) => both,
                 (_, Placement::Apart) => return Ok(None),
             }
         };
@@ -199,8 +205,22 @@ impl Stored {
     }
 }
 
+/// A session with another one looked for on it.
+fn put_together(first: Session, second: &Session, config: &Config) -> Result<(Session, Placement), SessionError> {
+    let offset = first.frames();
+    let result = Slam::resume(first, config)?.append(second, config)?.finish();
+    let place = result.kidnappings.iter().find(|kidnapping| kidnapping.frame == offset);
+    let is_placed = place.is_none_or(|kidnapping| kidnapping.found.is_some());
+    Ok((result.session, if is_placed { Placement::Placed } else { Placement::Apart }))
+}
+
 fn occupied_m2(map: &Raster<Occupancy>) -> f64 {
     map.cells.iter().filter(|&&cell| cell == Occupancy::Occupied).count() as f64 * map.resolution_m.powi(2)
+}
+
+/// Whether a file is called as sessions are.
+pub(crate) fn is_session(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "gpkg")
 }
 
 /// The map of some of a session's scans.
