@@ -6,6 +6,10 @@ use crate::surface::{SurfaceMap, SurfaceScan};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+/// The path that the map remembers is at least so many times as long as the robot sees: where it sees far, as in the open,
+/// what it sees now it saw for as long.
+const LEAST_VIEWS: f64 = 2.0;
+
 /// Surfaces of the last so many metres; older places are for the back end to recognise.
 #[derive(Debug, Clone)]
 pub(super) struct LocalMap {
@@ -85,8 +89,12 @@ impl LocalMap {
             return;
         }
         self.written.push_back((*pose, Arc::clone(scan)));
-        if self.path_m > self.window_m {
-            while self.path_m > 0.5 * self.window_m && self.written.len() > 1 {
+        if self.path_m <= self.window_m {
+            return;
+        }
+        let window_m = self.window_m.max(LEAST_VIEWS * self.mean_view_m());
+        if self.path_m > window_m {
+            while self.path_m > 0.5 * window_m && self.written.len() > 1 {
                 let Some((oldest, _)) = self.written.pop_front() else { break };
                 self.path_m -= oldest.between(&self.written[0].0).distance();
             }
@@ -97,8 +105,39 @@ impl LocalMap {
         }
     }
 
+    /// How far its scans see, metres.
+    fn mean_view_m(&self) -> f64 {
+        self.written.iter().map(|(_, scan)| scan.view_m()).sum::<f64>() / self.written.len().max(1) as f64
+    }
+
     #[cfg(test)]
     pub(super) fn size(&self) -> (f64, usize, usize, usize) {
         (self.path_m, self.surfaces.tile_counts().0, self.surfaces.surfaces().count(), self.written.len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan_matcher::synthetic::Walls;
+    use crate::surface::Thinning;
+
+    /// The longest path that a map with a window of 10 m remembers of 60 m to and fro within walls that are so far off.
+    fn longest_path_m(half_m: f64) -> f64 {
+        let walls = Walls::default().with_box([0.0, 0.0], [half_m, half_m]);
+        let mut map = LocalMap::new(MatcherConfig::default().cell_m, 10.0);
+        let remembered_m = (0..120).map(|step| {
+            let pose = Pose2::new(0.5 * f64::from(step % 2), 0.0, 0.0);
+            map.write(&pose, &Arc::new(SurfaceScan::new(&walls.scan_from(&pose, 361), &Thinning::default())), false);
+            map.size().0
+        });
+        remembered_m.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn where_the_robot_sees_far_the_map_remembers_longer() {
+        let [in_a_room, in_the_open] = [longest_path_m(2.0), longest_path_m(20.0)];
+        assert!((9.0..=10.0).contains(&in_a_room), "{in_a_room} m");
+        assert!((40.0..=56.0).contains(&in_the_open), "{in_the_open} m");
     }
 }

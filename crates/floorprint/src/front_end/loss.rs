@@ -4,7 +4,7 @@
 //! on the old map that is, is for the back end to find out.
 
 use super::local_map::LocalMap;
-use crate::scan_matcher::{MatchResult, MatcherConfig, inlier_share};
+use crate::scan_matcher::{MatchResult, MatcherConfig, outliers};
 use crate::surface::{SurfaceMap, SurfaceScan};
 use serde::{Deserialize, Serialize};
 
@@ -22,13 +22,18 @@ const SUDDEN_LOSS: f64 = 0.28;
 const EXTRAORDINARY: f64 = 2.5;
 /// Share of the newest scan in that mean.
 const NEWEST: f64 = 0.05;
-/// Either contradicts the map only if, of what it and the last scan in the map both had in view, this share is missing: of what the scan shows where nothing was, and of what it looks through. People and doors come to less, come
-/// little by little, or only add to what was there; and who turns sees new things.
-const MISSING_SHARE: f64 = 0.25;
-/// So much at least of what it looks through must have been there.
+/// Either contradicts the map only if, of what it and the last scan in the map both had in view, more than this share lies on
+/// nothing known where the other one looked through. People and doors come to less, come little by little, or only add to what
+/// was there; who turns sees new things; and of a wall that few rays hit, far from each other, nothing was looked through …
+const CONTRADICTED_SHARE: f64 = 0.2;
+/// … and this part of what lies on nothing known in ordinary scans of the drive: among trees there is always some of it.
+const ORDINARY_PART: f64 = 0.5;
+/// A ray that ends so far behind a surface looked through it, metres.
+const BEHIND_M: f32 = 0.3;
+/// So much at least of what the last scan showed must be gone.
 const LEAST_GONE_SHARE: f64 = 0.1;
-/// Where the last scan had its surfaces too far off to be looked through, so much of the new one must be where nothing was.
-const MISSING_SHARE_ONE_WAY: f64 = 0.5;
+/// Where the last scan had its surfaces too far off to be looked through, it must have looked through so much of the new one.
+const CONTRADICTED_SHARE_ONE_WAY: f64 = 0.5;
 /// A map of fewer scans than this says little about what is to be seen: a robot that has just begun sees new things.
 const MATURE_SCANS: usize = 6;
 
@@ -98,9 +103,9 @@ impl LossDetector {
     }
 
     /// Whether a scan shows that the robot is not where it was matched: little of it lies on the map there, or
-    /// suddenly less than before, and of what it and the last scan in the map both had in view much is missing. A
-    /// robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits that is
-    /// somewhere else. `None` where too little was in view of both.
+    /// suddenly less than before, and of what it and the last scan in the map both had in view much lies where the other
+    /// one looked through. A robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits
+    /// that is somewhere else. `None` where too little was in view of both.
     fn is_contradicted_by(
         &self,
         scan: &SurfaceScan,
@@ -117,16 +122,19 @@ impl LossDetector {
         if here.len() + there.len() < 2 * least_points(matcher) {
             return None;
         }
-        let is_new = here.len() as f64 * (1.0 - inlier_share(map.surfaces(), &here, pose, matcher));
+        let new = outliers(map.surfaces(), &here, pose, matcher);
+        let new_in_the_open = new.looked_through_by(pose, last, last_pose, BEHIND_M).len();
         if there.len() < least_points(matcher) {
-            return Some(is_new > MISSING_SHARE_ONE_WAY * here.len() as f64);
+            return Some(new_in_the_open as f64 > CONTRADICTED_SHARE_ONE_WAY * here.len() as f64);
         }
         let mut of_scan = SurfaceMap::new(matcher.cell_m);
         of_scan.add_scan(pose, scan);
-        let is_gone = there.len() as f64 * (1.0 - inlier_share(&of_scan, &there, last_pose, matcher));
+        let gone = outliers(&of_scan, &there, last_pose, matcher);
+        let contradicted = new_in_the_open + gone.looked_through_by(last_pose, scan, pose, BEHIND_M).len();
+        let least_share = CONTRADICTED_SHARE + ORDINARY_PART * (1.0 - self.mean_share);
         Some(
-            is_new + is_gone > MISSING_SHARE * (here.len() + there.len()) as f64
-                && is_gone > LEAST_GONE_SHARE * there.len() as f64,
+            contradicted as f64 > least_share * (here.len() + there.len()) as f64
+                && gone.len() as f64 > LEAST_GONE_SHARE * there.len() as f64,
         )
     }
 }

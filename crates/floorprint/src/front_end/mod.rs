@@ -15,6 +15,7 @@ mod odometry_model;
 mod odometry_record;
 mod odometry_scale;
 mod odometry_trust;
+mod odometry_turn;
 mod pace;
 mod particle_filter;
 mod prepared_scan;

@@ -3,6 +3,7 @@
 use super::odometry_record::OdometryRecord;
 use super::odometry_scale::OdometryScale;
 use super::odometry_trust::OdometryTrust;
+use super::odometry_turn::OdometryTurn;
 use crate::geometry::Pose2;
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
@@ -14,6 +15,8 @@ pub struct OdometryModel {
     scale: OdometryScale,
     #[serde(default)]
     record: OdometryRecord,
+    #[serde(default)]
+    turn: OdometryTurn,
 }
 
 impl OdometryModel {
@@ -33,6 +36,12 @@ impl OdometryModel {
     #[must_use]
     pub fn noise(&self) -> f64 {
         self.trust.noise()
+    }
+
+    /// A motion at its true length, with the turn that the odometry has turned out to miss.
+    #[must_use]
+    pub fn straightened(&self, motion: &Pose2) -> Pose2 {
+        self.turn.correct(motion)
     }
 
     /// Information of a motion with errors as they have turned out to be on this drive, given what is stated.
@@ -62,6 +71,13 @@ impl OdometryModel {
 
     /// Notes how far the odometry erred in a step of which the scan is clear.
     pub fn note(&mut self, measured: &Pose2, matched: &Pose2, sigmas: [f64; 2], scan: &Matrix3<f64>) {
-        self.record.learn(&self.scale.correct(measured), matched, sigmas, scan);
+        let measured = self.scale.correct(measured);
+        self.record.learn(&self.turn.correct(&measured), matched, sigmas, scan);
+        self.turn.learn(&measured, matched, sigmas[1], scan[(2, 2)]);
+    }
+
+    /// Hears of a step of which no scan tells.
+    pub fn note_nothing(&mut self) {
+        self.record.miss();
     }
 }

@@ -4,20 +4,24 @@
 //! reports come late: a scan that sees enough puts that right. Where a scan shows a few trees and poles only, it fits in many
 //! places by chance, and what the odometry has proven on the way so far says more than that.
 
-use super::odometry_trust::{error_m, squared_ratio, tells_motion};
+use super::odometry_trust::tells_motion;
 use crate::geometry::{Pose2, wrap_angle};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Mean squared ratios of errors to what is stated.
+/// Variances of errors against what is stated: of a translation, each of its axes, and of a turn.
+///
+/// A scan's own error is in the step that leads to it and, the other way round, in the next one. What two steps in a row have
+/// in common is therefore not the odometry's; the covariance of successive innovations tells the two apart (Mehra 1970).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct OdometryRecord {
-    /// Of a translation, each of its axes.
     squared_ratio_m: f64,
-    /// Of a turn.
     squared_ratio_rad: f64,
     /// Over how many steps, up to what is remembered.
     steps: f64,
+    /// The error of the last step in its standard deviations: of the translation, in the axes of the body after it, and of the
+    /// turn; none where nothing was learnt of it.
+    last: Option<Vector3<f64>>,
 }
 
 /// What is stated counts as so many steps.
@@ -27,11 +31,13 @@ const STEPS_REMEMBERED: f64 = 200.0;
 /// Errors of steps to come may be this much larger than those so far.
 const MARGIN: f64 = 2.0;
 /// Nothing is ever proven to be better than this share of what is stated.
-const LEAST: f64 = 0.1;
+const LEAST: f64 = 0.02;
+/// A single step counts no more than so many standard deviations.
+const LARGEST_RATIO: f64 = 3.0;
 
 impl Default for OdometryRecord {
     fn default() -> Self {
-        Self { squared_ratio_m: 1.0, squared_ratio_rad: 1.0, steps: STATED_STEPS }
+        Self { squared_ratio_m: 1.0, squared_ratio_rad: 1.0, steps: STATED_STEPS, last: None }
     }
 }
 
@@ -39,7 +45,7 @@ impl OdometryRecord {
     /// Information of a motion, the same with errors as they have turned out to be. It is never less than what is stated.
     #[must_use]
     pub fn proven(&self, stated: &Matrix3<f64>) -> Matrix3<f64> {
-        let gain = |squared_ratio: f64| (MARGIN * squared_ratio.sqrt()).clamp(LEAST, 1.0).recip();
+        let gain = |squared_ratio: f64| (MARGIN * squared_ratio.max(0.0).sqrt()).clamp(LEAST, 1.0).recip();
         let [position, heading] = [self.squared_ratio_m, self.squared_ratio_rad].map(gain);
         let gains = Matrix3::from_diagonal(&[position, position, heading].into());
         gains * stated * gains
@@ -54,14 +60,28 @@ impl OdometryRecord {
         [sigma_m, sigma_rad]: [f64; 2],
         scan_information: &Matrix3<f64>,
     ) {
+        let before = self.last.take();
         if sigma_m <= 0.0 || sigma_rad <= 0.0 || !tells_motion(measured, sigma_m, scan_information) {
             return;
         }
-        let error_rad = wrap_angle(matched.theta - measured.theta).abs();
+        let off = measured.between(matched);
+        let ratio = Vector3::new(off.x / sigma_m, off.y / sigma_m, wrap_angle(off.theta) / sigma_rad);
+        let ratio = ratio.map(|ratio| ratio.clamp(-LARGEST_RATIO, LARGEST_RATIO));
+        self.last = Some(ratio);
+        let Some(before) = before else { return };
+        // The axes of the last step's end are those of this one's begin; turned by the step they are its own.
+        let (sin, cos) = matched.theta.sin_cos();
+        let before = Vector3::new(cos * before.x + sin * before.y, cos * before.y - sin * before.x, before.z);
+        let variances = ratio.component_mul(&(ratio + 2.0 * before));
         self.steps = (self.steps + 1.0).min(STEPS_REMEMBERED);
-        let learn = |mean: &mut f64, ratio: f64| *mean += (ratio - *mean) / self.steps;
-        learn(&mut self.squared_ratio_m, squared_ratio(error_m(measured, matched), sigma_m));
-        learn(&mut self.squared_ratio_rad, squared_ratio(error_rad, sigma_rad));
+        let learn = |mean: &mut f64, variance: f64| *mean += (variance - *mean) / self.steps;
+        learn(&mut self.squared_ratio_m, 0.5 * (variances.x + variances.y));
+        learn(&mut self.squared_ratio_rad, variances.z);
+    }
+
+    /// Hears of a step of which nothing is known.
+    pub fn miss(&mut self) {
+        self.last = None;
     }
 }
 
@@ -70,10 +90,17 @@ mod tests {
     use super::*;
     use crate::motion_model::MotionConfig;
 
-    fn drive(steps: usize, error_m: f64, error_rad: f64, information: f64) -> OdometryRecord {
+    /// Steps of a metre in which odometry and scan differ by so much, to the one side as long as `is_to_the_left`.
+    fn drive(
+        steps: usize,
+        error_m: f64,
+        error_rad: f64,
+        information: f64,
+        is_to_the_left: impl Fn(usize) -> bool,
+    ) -> OdometryRecord {
         let mut record = OdometryRecord::default();
         for step in 0..steps {
-            let sign = if step % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if is_to_the_left(step) { 1.0 } else { -1.0 };
             let measured = Pose2::new(1.0 + sign * error_m, sign * error_m, sign * error_rad);
             let scan = Matrix3::identity() * information;
             record.learn(
@@ -86,17 +113,51 @@ mod tests {
         record
     }
 
+    /// As likely followed by the same as by the other: errors that are the odometry's own.
+    fn by_chance(step: usize) -> bool {
+        step / 2 % 2 == 0
+    }
+
+    fn stated() -> Matrix3<f64> {
+        Matrix3::from_diagonal(&[39.0, 39.0, 278.0].into())
+    }
+
+    fn gains(record: OdometryRecord) -> Vector3<f64> {
+        record.proven(&stated()).diagonal().component_div(&stated().diagonal())
+    }
+
     #[test]
     fn what_has_proven_good_is_believed_as_far_as_it_has() {
-        let stated = Matrix3::from_diagonal(&[39.0, 39.0, 278.0].into());
-        assert_eq!(drive(0, 0.0, 0.0, 1e6).proven(&stated), stated);
-        assert_eq!(drive(300, 0.5, 0.3, 1e6).proven(&stated), stated, "never less than stated");
+        assert_eq!(drive(0, 0.0, 0.0, 1e6, by_chance).proven(&stated()), stated());
+        assert_eq!(drive(300, 0.5, 0.3, 1e6, by_chance).proven(&stated()), stated(), "never less than stated");
         // A tenth of what is stated, with a margin of two, is a fifth in the end.
-        let gains = |record: OdometryRecord| record.proven(&stated).diagonal().component_div(&stated.diagonal());
-        let proven = gains(drive(2000, 0.016, 0.02, 1e6));
+        let proven = gains(drive(2000, 0.016, 0.02, 1e6, by_chance));
         assert!((proven[0] - 25.0).abs() < 4.0 && (proven[2] - 2.25).abs() < 0.4, "{proven}");
-        let perfect = gains(drive(3000, 0.0, 0.0, 1e6));
-        assert!((perfect[0] - LEAST.powi(-2)).abs() < 1e-6, "{perfect}");
-        assert_eq!(drive(300, 0.0, 0.0, 1.0), OdometryRecord::default(), "scans that know less tell nothing");
+        let perfect = gains(drive(3000, 0.0, 0.0, 1e6, by_chance));
+        assert!((perfect[0] * LEAST.powi(2) - 1.0).abs() < 0.3, "{perfect}");
+        let of_nothing = drive(300, 0.0, 0.0, 1.0, by_chance);
+        assert_eq!(of_nothing, OdometryRecord::default(), "scans that know less tell nothing");
+    }
+
+    #[test]
+    fn what_the_next_step_takes_back_is_the_error_of_a_scan() {
+        let to_and_fro = |step: usize| step % 2 == 0;
+        let [own, of_scans] =
+            [gains(drive(300, 0.05, 0.03, 1e6, by_chance)), gains(drive(300, 0.05, 0.03, 1e6, to_and_fro))];
+        assert!(of_scans[0] > 10.0 * own[0] && of_scans[2] > 10.0 * own[2], "{of_scans}, {own}");
+        // A bend that is always the same is not taken back.
+        let bend = gains(drive(300, 0.05, 0.03, 1e6, |_| true));
+        assert!(bend[0] <= own[0] && bend[2] <= own[2], "{bend}, {own}");
+    }
+
+    #[test]
+    fn steps_of_which_nothing_is_known_part_those_before_from_those_after() {
+        let mut record = OdometryRecord::default();
+        let scan = Matrix3::identity() * 1e6;
+        for _ in 0..100 {
+            record.learn(&Pose2::new(1.1, 0.0, 0.0), &Pose2::new(1.0, 0.0, 0.0), [0.16, 0.06], &scan);
+            record.miss();
+        }
+        assert_eq!(record, OdometryRecord::default());
     }
 }

@@ -49,12 +49,12 @@ impl OdometryTrust {
 }
 
 /// The error of a translation, of each of its axes, metres.
-pub(super) fn error_m(measured: &Pose2, matched: &Pose2) -> f64 {
+fn error_m(measured: &Pose2, matched: &Pose2) -> f64 {
     (matched.x - measured.x).hypot(matched.y - measured.y) / std::f64::consts::SQRT_2
 }
 
 /// The squared ratio of an error to its stated standard deviation, up to what a single step counts.
-pub(super) fn squared_ratio(error: f64, sigma: f64) -> f64 {
+fn squared_ratio(error: f64, sigma: f64) -> f64 {
     (error / sigma).min(LARGEST_RATIO).powi(2)
 }
 

@@ -288,7 +288,7 @@ impl ParticleFilter {
         is_believed: bool,
         after_gap: bool,
     ) {
-        let Some(fit) = fit else { return };
+        let Some(fit) = fit else { return self.odometry.note_nothing() };
         // One scan after a gap does not decide where along it the robot has come to: places look alike.
         self.covariance = if is_believed && !after_gap {
             fit.covariance_after(&self.covariance)
@@ -296,18 +296,18 @@ impl ParticleFilter {
             fit.covariance_without_scan(&self.covariance)
         };
         self.is_doubtful |= fit.is_doubtful();
-        if let Some(measured) = measured.filter(|_| is_believed) {
-            let Tracker { pose, last_motion, .. } = self.best_particle();
-            let (last_motion, heading_rad) = (*last_motion, pose.theta - last_motion.theta);
-            let sigmas: [f64; 2] = self.motion.sigmas(measured).into();
-            let is_confirmed = fit.odometry == OdometryVerdict::Confirmed;
-            let is_clear =
-                points >= POINTS_TO_SEARCH && fit.result.inlier_share >= self.matcher.search_below_inlier_share;
-            let scan = &fit.result.scan_information;
-            self.odometry.learn(measured, &last_motion, heading_rad, sigmas[0], scan, is_confirmed);
-            if is_clear {
-                self.odometry.note(measured, &last_motion, sigmas, scan);
-            }
+        let Some(measured) = measured.filter(|_| is_believed) else { return self.odometry.note_nothing() };
+        let Tracker { pose, last_motion, .. } = self.best_particle();
+        let (last_motion, heading_rad) = (*last_motion, pose.theta - last_motion.theta);
+        let sigmas: [f64; 2] = self.motion.sigmas(measured).into();
+        let is_confirmed = fit.odometry == OdometryVerdict::Confirmed;
+        let is_clear = points >= POINTS_TO_SEARCH && fit.result.inlier_share >= self.matcher.search_below_inlier_share;
+        let scan = &fit.result.scan_information;
+        self.odometry.learn(measured, &last_motion, heading_rad, sigmas[0], scan, is_confirmed);
+        if is_clear {
+            self.odometry.note(measured, &last_motion, sigmas, scan);
+        } else {
+            self.odometry.note_nothing();
         }
     }
 

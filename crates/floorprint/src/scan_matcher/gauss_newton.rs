@@ -64,12 +64,37 @@ pub fn match_scan_against(
     trusted_sigmas: f64,
     config: &MatcherConfig,
 ) -> MatchResult {
+    match_as(map, scan, prior, trusted_sigmas, config, &|last| last.without_hearsay(config))
+}
+
+/// Fits a `scan` of few points to `map`, starting at the mean of `prior`. The points count only as much as they fit: the few
+/// that lie on something by chance do not say that the rest does not.
+#[must_use]
+pub(super) fn match_few(
+    map: &SurfaceMap,
+    scan: &SurfaceScan,
+    prior: &PoseBelief,
+    config: &MatcherConfig,
+) -> MatchResult {
+    match_as(map, scan, prior, f64::INFINITY, config, &|last| {
+        last.as_far_as_it_fits(scan.len()).without_hearsay(config)
+    })
+}
+
+fn match_as(
+    map: &SurfaceMap,
+    scan: &SurfaceScan,
+    prior: &PoseBelief,
+    trusted_sigmas: f64,
+    config: &MatcherConfig,
+    tempered: &dyn Fn(Linearisation) -> Linearisation,
+) -> MatchResult {
     let mut pose = prior.pose;
     let mut last = Linearisation::default();
     let mut gate = config.wide_gate_sigmas;
     let mut nearest = Nearest::on(map, scan);
     for _ in 0..config.iterations {
-        last = linearise(&mut nearest, scan, &pose, gate, config).without_hearsay(config);
+        last = tempered(linearise(&mut nearest, scan, &pose, gate, config));
         let prior_information = prior.information / (1.0 + (prior.sigmas_to(&pose) / trusted_sigmas).powi(2));
         let information = last.information + prior_information;
         let gradient = last.gradient + prior_information * prior.offset(&pose);
@@ -122,6 +147,17 @@ struct Linearisation {
 }
 
 impl Linearisation {
+    /// Divides by the variance factor that the residuals show, where that is larger than was taken for granted (a posteriori
+    /// variance of the unit weight; Koch 1999, Parameter Estimation and Hypothesis Testing in Linear Models, § 3.2.3).
+    fn as_far_as_it_fits(mut self, points: usize) -> Self {
+        let unknowns = 3.0;
+        let variance_factor = -2.0 * self.log_likelihood / (points as f64 - unknowns).max(f64::MIN_POSITIVE);
+        let share = variance_factor.max(1.0).recip();
+        self.information *= share;
+        self.gradient *= share;
+        self
+    }
+
     /// Takes back what errors alone make the scan say.
     fn without_hearsay(mut self, config: &MatcherConfig) -> Self {
         let scale = without_hearsay(&self.information, config);

@@ -1,7 +1,7 @@
 //! Where a scan fits a map: near the odometry's prediction, or, where that fails, anywhere around it.
 
 use super::correlative::{SearchWindow, search};
-use super::gauss_newton::match_scan_against;
+use super::gauss_newton::{match_few, match_scan_against};
 use super::{MatchResult, MatcherConfig, PoseBelief, match_scan};
 use crate::surface::SurfaceMap;
 use crate::surface::SurfaceScan;
@@ -107,7 +107,7 @@ pub(crate) fn follow(
     prior: &PoseBelief,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
-    let fit = match_scan(map, scan, prior, config);
+    let fit = match_few(map, scan, prior, config);
     // What hardly lies on the map shows new things; the few points that fit do so by chance and would lead astray.
     let is_seen = fit.inlier_share >= LOST;
     (if is_seen { fit } else { unseen(fit, prior) }, OdometryVerdict::Confirmed)

@@ -209,7 +209,7 @@ fn a_wall_seen_by_few_rays_has_its_normal_too() {
 
 /// Far down a corridor the rays graze its walls, a metre and more apart.
 #[test]
-fn walls_at_a_graze_have_their_normal_and_lone_points_are_left_out() {
+fn walls_at_a_graze_have_their_normal() {
     let config = MatcherConfig::default();
     for (half_width_m, fewest) in [(1.8, 4), (2.0, 10), (3.0, 30)] {
         for (y, theta) in [(0.0, 0.0), (0.25, 0.004), (-0.4, 0.02)] {
@@ -226,15 +226,27 @@ fn walls_at_a_graze_have_their_normal_and_lone_points_are_left_out() {
             }
         }
     }
-    // A leg of a chair: a ray before and after it end elsewhere.
-    let mut lone = BodyScan::default();
-    for k in -20..=20 {
-        let angle = (f64::from(k) * 0.5).to_radians();
-        let range_m = if k == 0 { 12.0 } else { 25.0 / angle.cos() };
-        lone.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
-    }
-    let points: Vec<_> = SurfaceScan::new(&lone, &config.thinning()).iter().map(|(point, _)| point).collect();
-    assert!(points.len() > 10 && points.iter().all(|[x, _]| *x > 20.0), "{points:?}");
+}
+
+/// A leg of a chair, a trunk: the rays before and after it end elsewhere.
+#[test]
+fn what_a_single_ray_hits_counts_only_where_there_is_little_else() {
+    let config = MatcherConfig::default();
+    let seen = |rays: i32, step_deg: f64| {
+        let mut scan = BodyScan::default();
+        for k in -rays..=rays {
+            let angle = (f64::from(k) * step_deg).to_radians();
+            let range_m = if k == 0 { 12.0 } else { 25.0 / angle.cos() };
+            scan.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
+        }
+        let scan = SurfaceScan::new(&scan, &config.thinning());
+        let lone: Vec<_> = scan.iter().filter(|([x, _], _)| *x < 20.0).map(|(_, normal)| normal).collect();
+        (scan.len(), lone)
+    };
+    let (few, lone) = seen(20, 0.5);
+    assert!(few < 50 && lone == [[0.0, 0.0]], "{few}, {lone:?}");
+    let (many, lone) = seen(240, 0.25);
+    assert!(many > 100 && lone.is_empty(), "{many}, {lone:?}");
 }
 
 #[test]

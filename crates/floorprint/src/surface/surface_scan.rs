@@ -145,9 +145,7 @@ impl SurfaceScan {
     /// The points that another scan had in view; each scan with its pose.
     #[must_use]
     pub fn in_view_of(&self, pose: &Pose2, other: &Self, other_pose: &Pose2) -> Self {
-        let horizon = other.horizon(&Pose2::IDENTITY);
-        let to_other = other_pose.between(pose).point_transform();
-        self.filtered(|point| horizon.reaches(to_other(point.map(f64::from)).map(|v| v as f32), 0.0))
+        self.looked_through_by(pose, other, other_pose, 0.0)
     }
 
     /// The points that are wanted, given their places (metres).
@@ -180,6 +178,23 @@ impl SurfaceScan {
         result
     }
 
+    /// The points that another scan looked through: its rays end at least `behind_m` behind them; each scan with its pose.
+    #[must_use]
+    pub fn looked_through_by(&self, pose: &Pose2, other: &Self, other_pose: &Pose2, behind_m: f32) -> Self {
+        let horizon = other.horizon(&Pose2::IDENTITY);
+        let to_other = other_pose.between(pose).point_transform();
+        self.filtered(|point| horizon.reaches(to_other(point.map(f64::from)).map(|v| v as f32), -behind_m))
+    }
+
+    /// How far it sees: three quarters of its points are nearer than this to where the LiDAR is, metres; 0 without points.
+    #[must_use]
+    pub fn view_m(&self) -> f64 {
+        let [origin_x, origin_y] = self.origin_m.map(|coordinate| coordinate as f32);
+        let mut ranges: Vec<f32> = self.iter().map(|([x, y], _)| length(x - origin_x, y - origin_y)).collect();
+        let rank = 3 * ranges.len() / 4;
+        if ranges.is_empty() { 0.0 } else { f64::from(*ranges.select_nth_unstable_by(rank, f32::total_cmp).1) }
+    }
+
     /// Number of points.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -209,7 +224,7 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
     let steps = steps(xs, ys);
     let spacing = spacing_for(&steps, thinning);
     let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
-    let mut kept: Vec<Kept> = Vec::with_capacity(count);
+    let (mut kept, mut free): (Vec<Kept>, Vec<Kept>) = (Vec::with_capacity(count), Vec::new());
     let mut i = 0;
     while i < count {
         let (x, y) = (xs[i], ys[i]);
@@ -231,12 +246,17 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
         }
         if end - begin >= 3 {
             kept.push(Kept { point: i, begin, end });
-        } else {
-            kept.extend(far_wall(&steps, i, range, &sums));
+        } else if let Some(far) = far_wall(&steps, i, range, &sums) {
+            kept.push(far);
+        } else if stands_free(&steps, i) {
+            free.push(Kept { point: i, begin: i, end: i + 1 });
         }
         let extent = length(xs[end - 1] - xs[begin], ys[end - 1] - ys[begin]);
         let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as usize;
         i = (i + step.max(1)).min(end);
+    }
+    if (kept.len() as f64) < FEW_SHARE * thinning.max_points as f64 {
+        kept.append(&mut free);
     }
     let mut result = SurfaceScan::with_capacity(scan.origin_m, kept.len());
     for kept in kept.chunks(LANES) {
@@ -293,6 +313,17 @@ fn far_wall(steps: &[f32], point: usize, range: f32, sums: &RunningSums) -> Opti
         end,
     })
 }
+
+/// Whether a single ray hit something around which others hit nothing: a trunk, a post.
+fn stands_free(steps: &[f32], point: usize) -> bool {
+    steps[point].min(steps[point + 1]) > FREE_M
+}
+
+/// What is so far from everything before and after it stands alone, metres.
+const FREE_M: f32 = 1.0;
+/// Such points count where there are fewer others than this share of what a scan may have. Indoors they are legs of chairs and
+/// of people, and walls say enough; among trees they are what there is.
+const FEW_SHARE: f64 = 1.0 / 3.0;
 
 /// Rays to either side that must lie on one line.
 const WALL_RAYS: usize = 3;
