@@ -23,17 +23,22 @@ const EXTRAORDINARY: f64 = 2.5;
 /// Share of the newest scan in that mean.
 const NEWEST: f64 = 0.05;
 /// Either contradicts the map only if, of what it and the last scan in the map both had in view, more than this share lies on
-/// nothing known where the other one looked through. People and doors come to less, come little by little, or only add to what
-/// was there; who turns sees new things; and of a wall that few rays hit, far from each other, nothing was looked through …
-const CONTRADICTED_SHARE: f64 = 0.2;
-/// … and this part of what lies on nothing known in ordinary scans of the drive: among trees there is always some of it.
-const ORDINARY_PART: f64 = 0.5;
+/// nothing known. People and doors come to less, come little by little, or only add to what was there; and who turns sees new
+/// things …
+const MISSING_SHARE: f64 = 0.25;
+/// … beyond so many times what ordinary scans of the drive miss: among trees and of walls that few rays hit, far from each
+/// other, there is always some of it …
+const ORDINARILY_MISSED: f64 = 2.0;
+/// … or if the other scan looked through more than this share of what was in view, beyond half of what is ordinarily missed:
+/// there it would have hit something.
+const LOOKED_THROUGH_SHARE: f64 = 0.2;
+const ORDINARILY_LOOKED_THROUGH: f64 = 0.5;
 /// A ray that ends so far behind a surface looked through it, metres.
 const BEHIND_M: f32 = 0.3;
 /// So much at least of what the last scan showed must be gone.
 const LEAST_GONE_SHARE: f64 = 0.1;
 /// Where the last scan had its surfaces too far off to be looked through, it must have looked through so much of the new one.
-const CONTRADICTED_SHARE_ONE_WAY: f64 = 0.5;
+const LOOKED_THROUGH_SHARE_ONE_WAY: f64 = 0.5;
 /// A map of fewer scans than this says little about what is to be seen: a robot that has just begun sees new things.
 const MATURE_SCANS: usize = 6;
 
@@ -103,8 +108,7 @@ impl LossDetector {
     }
 
     /// Whether a scan shows that the robot is not where it was matched: little of it lies on the map there, or
-    /// suddenly less than before, and of what it and the last scan in the map both had in view much lies where the other
-    /// one looked through. A robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits
+    /// suddenly less than before, and of what it and the last scan in the map both had in view much is missing. A robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits
     /// that is somewhere else. `None` where too little was in view of both.
     fn is_contradicted_by(
         &self,
@@ -123,19 +127,19 @@ impl LossDetector {
             return None;
         }
         let new = outliers(map.surfaces(), &here, pose, matcher);
-        let new_in_the_open = new.looked_through_by(pose, last, last_pose, BEHIND_M).len();
+        let seen_through = new.looked_through_by(pose, last, last_pose, BEHIND_M).len();
         if there.len() < least_points(matcher) {
-            return Some(new_in_the_open as f64 > CONTRADICTED_SHARE_ONE_WAY * here.len() as f64);
+            return Some(seen_through as f64 > LOOKED_THROUGH_SHARE_ONE_WAY * here.len() as f64);
         }
         let mut of_scan = SurfaceMap::new(matcher.cell_m);
         of_scan.add_scan(pose, scan);
         let gone = outliers(&of_scan, &there, last_pose, matcher);
-        let contradicted = new_in_the_open + gone.looked_through_by(last_pose, scan, pose, BEHIND_M).len();
-        let least_share = CONTRADICTED_SHARE + ORDINARY_PART * (1.0 - self.mean_share);
-        Some(
-            contradicted as f64 > least_share * (here.len() + there.len()) as f64
-                && gone.len() as f64 > LEAST_GONE_SHARE * there.len() as f64,
-        )
+        let looked_through = seen_through + gone.looked_through_by(last_pose, scan, pose, BEHIND_M).len();
+        let share = |points: usize| points as f64 / (here.len() + there.len()) as f64;
+        let ordinary = 1.0 - self.mean_share;
+        let is_much = share(new.len() + gone.len()) > MISSING_SHARE + ORDINARILY_MISSED * ordinary
+            || share(looked_through) > LOOKED_THROUGH_SHARE + ORDINARILY_LOOKED_THROUGH * ordinary;
+        Some(is_much && gone.len() as f64 > LEAST_GONE_SHARE * there.len() as f64)
     }
 }
 

@@ -16,7 +16,7 @@ use nalgebra::{Matrix3, Vector3};
 /// instead of 0.013 m); twice as much or half of it make no difference.
 const PREDICTION_TRUST: f64 = 0.2;
 /// A scan of less than this share of the points that it may have overrules no odometry that has the robot go on …
-const SPARSE_SHARE: f64 = 1.0 / 3.0;
+const SPARSE_SHARE: f64 = 1.0 / 6.0;
 /// … as before, within this many standard deviations.
 const GOING_ON_SIGMAS: f64 = 3.0;
 /// A match is doubtful where less than this share of its scan lies on the map.
