@@ -19,6 +19,10 @@ pub(crate) const OCCUPIED: Color = [0, 0, 0];
 pub(crate) const DEAD_RECKONING: Color = [37, 99, 235];
 /// The filter's trajectory.
 pub(crate) const TRAJECTORY: Color = [220, 38, 38];
+/// The true trajectory.
+pub(crate) const TRUTH: Color = [21, 128, 61];
+/// Loop closures.
+pub(crate) const LOOPS: Color = [162, 28, 175];
 
 /// Pixels around the map.
 const MARGIN_PX: usize = 24;

@@ -31,11 +31,11 @@ pub(crate) struct Arguments {
 }
 
 /// A run as its folder tells of it.
-struct Run {
+pub(crate) struct Run {
     name: String,
-    report: Value,
-    map: Raster<Occupancy>,
-    trajectory: Vec<StampedPose>,
+    pub(crate) report: Value,
+    pub(crate) map: Raster<Occupancy>,
+    pub(crate) trajectory: Vec<StampedPose>,
     /// The configuration, option by option.
     options: BTreeMap<String, String>,
 }
@@ -60,8 +60,23 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     Ok(Outcome::Fine)
 }
 
+/// How far each pose is from another trajectory at its time: stamp in seconds, metres, degrees. Poses at whose time the
+/// other one tells nothing are left out.
+#[must_use]
+pub fn distances(trajectory: &[StampedPose], other: &StampIndex) -> Vec<[f64; 3]> {
+    let distance = |StampedPose { stamp_s, pose }: &StampedPose| {
+        let error = PoseError::between(&other.interpolated(*stamp_s, SAME_S, LARGEST_GAP_S)?, pose);
+        Some([*stamp_s, error.translation_m, error.rotation_deg])
+    };
+    trajectory.iter().filter_map(distance).collect()
+}
+
 impl Run {
-    fn read(folder: &Path) -> anyhow::Result<Self> {
+    /// Reads a run's folder.
+    ///
+    /// # Errors
+    /// It is none, or a file in it is missing or damaged.
+    pub(crate) fn read(folder: &Path) -> anyhow::Result<Self> {
         let path = folder.join("report.json");
         let text = read_text(&path).with_context(|| format!("{} is no folder of a run", folder.display()))?;
         let report: Value = serde_json::from_str(&text).with_context(|| format!("cannot read {}", path.display()))?;
@@ -76,17 +91,6 @@ impl Run {
             trajectory: read_trajectory(&folder.join("trajectory.tum"))?,
             options,
         })
-    }
-
-    /// How far each pose is from another trajectory at its time: seconds since the start, metres, degrees.
-    fn distances_from(&self, other: &StampIndex) -> Vec<[f64; 3]> {
-        let start_s = self.trajectory.first().map_or(0.0, |first| first.stamp_s);
-        let distance = |stamped: &StampedPose| {
-            let there = other.interpolated(stamped.stamp_s, SAME_S, LARGEST_GAP_S)?;
-            let error = PoseError::between(&there, &stamped.pose);
-            Some([stamped.stamp_s - start_s, error.translation_m, error.rotation_deg])
-        };
-        self.trajectory.iter().filter_map(distance).collect()
     }
 }
 
