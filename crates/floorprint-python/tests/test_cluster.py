@@ -23,7 +23,7 @@ def process_of(log: Path) -> int | None:
             words = (folder / "cmdline").read_bytes().decode(errors="replace")
         except OSError:
             continue
-        if "floorprint.fleet" in words and f'"{log}"' in words:
+        if "floorprint._worker" in words and f'"{log}"' in words:
             return int(folder.name)
     return None
 

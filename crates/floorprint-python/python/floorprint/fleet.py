@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -22,7 +21,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from floorprint._config import Config, configuration, restored
+from floorprint._config import Config, configuration
 from floorprint._errors import ConfigError, Error
 from floorprint._optional import needed
 from floorprint._store import check_addresses, fetch, is_address, put
@@ -58,34 +57,10 @@ class _Job:
 
 #: What starts the process of a log. It imports nothing of the program that asked, unlike one of multiprocessing's:
 #: scripts and notebooks need not be written for it.
-_WORKER = [sys.executable, "-c", "from floorprint.fleet import _work; _work()"]
+_WORKER = [sys.executable, "-m", "floorprint._worker"]
 
-#: So many logs wait at Ray, which needs to see more of them than it has workers to know how many it could use.
+#: So many logs wait at Ray, and at least twice as many as it can work on: an autoscaler sees by them what is needed.
 _AT_RAY = 1000
-
-
-def _work() -> None:
-    """Solves the log that its argument names, and answers on stdout."""
-    from floorprint._run import solve
-
-    log, path, layers, folder, threads, scratch = json.loads(sys.argv[1])
-
-    def end_with_who_asked() -> None:
-        # Its end of the pipe closes when it dies, however it does.
-        sys.stdin.read()
-        if scratch is not None:
-            shutil.rmtree(scratch, ignore_errors=True)
-        os._exit(1)
-
-    threading.Thread(target=end_with_who_asked, daemon=True).start()
-    try:
-        result = solve(path, restored(*layers), threads=threads, address=log)
-        if folder is not None:
-            # What stands there is of an attempt whose outcome was lost, or of an earlier call.
-            result.save(folder, replace=True)
-        json.dump([result.report, None], sys.stdout)
-    except (Error, OSError) as error:
-        json.dump([None, str(error)], sys.stdout)
 
 
 @dataclass(frozen=True)
@@ -198,7 +173,8 @@ def _by_ray(jobs: Iterator[_Job], workers: int | None, threads: int) -> Iterator
         ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
     # A worker of Ray's that dies is replaced by Ray; the log has a process of its own below it.
     attempt = ray.remote(num_cpus=threads, max_retries=3)(_attempt)
-    waiting = {attempt.remote(job): job for job in islice(jobs, _AT_RAY)}
+    at_once = max(_AT_RAY, 2 * int(ray.cluster_resources().get("CPU", 0)) // threads)
+    waiting = {attempt.remote(job): job for job in islice(jobs, at_once)}
     try:
         while waiting:
             done, _ = ray.wait(list(waiting), num_returns=1)
@@ -253,6 +229,8 @@ def map(
         ConfigError: A setting cannot be used.
         Error: An address that nothing can open.
     """
+    if isinstance(logs, (str, PathLike)):
+        raise TypeError(f"logs: expected a list of paths or addresses, found one: give [{fspath(logs)!r}]")
     chosen = configuration(config, preset, settings)
     names = [fspath(log) for log in logs]
     below = None if out is None else fspath(out)
@@ -261,6 +239,8 @@ def map(
         cluster = _ray_is_up()
     if cluster and "memory" in protocols:
         raise ConfigError("memory://… is in the memory of one process: a cluster needs a store that all machines reach")
+    if cluster:
+        needed("ray", "clusters", "floorprint[ray]")
     folders = _folders(names, below)
     jobs = (_Job(log, chosen, folder, threads, timeout_s, retries) for log, folder in zip(names, folders, strict=True))
     if cluster:
