@@ -36,10 +36,10 @@ pub(super) fn draw(plot: &Plot) -> Result<String, png::EncodingError> {
     let height = (WIDTH * height_m / width_m).min(HIGHEST_PLAN);
     let px_per_m = (WIDTH / width_m).min(height / height_m);
     let mut svg = head(plot);
-    let _ = write!(
+    let _ = writeln!(
         svg,
         "<rect x=\"{MARGIN}\" y=\"{HEAD}\" width=\"{WIDTH}\" height=\"{height:.0}\" fill=\"#cdcdcd\"/>\
-         <svg x=\"{MARGIN}\" y=\"{HEAD}\" width=\"{WIDTH}\" height=\"{height:.0}\" viewBox=\"{}\">{}{}</svg>\n",
+         <svg x=\"{MARGIN}\" y=\"{HEAD}\" width=\"{WIDTH}\" height=\"{height:.0}\" viewBox=\"{}\">{}{}</svg>",
         view.view_box(),
         widths(px_per_m),
         plan(plot, &view)?
@@ -51,10 +51,10 @@ pub(super) fn draw(plot: &Plot) -> Result<String, png::EncodingError> {
         let Some(lines) = chart.lines("s", None) else { continue };
         let left = if charts % 2 == 0 { MARGIN } else { MARGIN + chart::WIDTH + GAP };
         let top = HEAD + height + GAP + f64::from(charts / 2) * (chart::HEIGHT + CAPTION + GAP);
-        let _ = write!(
+        let _ = writeln!(
             svg,
             "<g transform=\"translate({left} {top:.0})\"><text class=\"title\" y=\"15\">{}</text>\
-             <g transform=\"translate(0 {CAPTION})\">{lines}</g></g>\n",
+             <g transform=\"translate(0 {CAPTION})\">{lines}</g></g>",
             chart.title
         );
         charts += 1;
@@ -85,10 +85,10 @@ fn head(plot: &Plot) -> String {
         if !is_drawn {
             continue;
         }
-        let _ = write!(
+        let _ = writeln!(
             head,
             "<path class=\"{class}\" stroke-width=\"3\" d=\"M{left} 84h24\"/>\
-             <text class=\"legend\" x=\"{}\" y=\"89\">{name}</text>\n",
+             <text class=\"legend\" x=\"{}\" y=\"89\">{name}</text>",
             left + 32.0
         );
         // There is no telling how wide the letters are.
