@@ -103,6 +103,15 @@ impl Figure {
         self.blend(&coverage, color);
     }
 
+    /// Draws straight lines, each between two points of the world, metres.
+    pub(crate) fn draw_segments(&mut self, ends_m: impl Iterator<Item = [[f64; 2]; 2]>, color: Color, width_px: f64) {
+        let mut coverage = vec![0_u8; self.pixels.len()];
+        for [from, to] in ends_m.map(|ends| ends.map(|end_m| self.to_px(end_m))) {
+            self.cover_segment(&mut coverage, from, to, width_px / 2.0);
+        }
+        self.blend(&coverage, color);
+    }
+
     /// Draws a filled disc at a point of the world, metres.
     pub(crate) fn draw_disc(&mut self, center_m: [f64; 2], color: Color, radius_px: f64) {
         let mut coverage = vec![0_u8; self.pixels.len()];

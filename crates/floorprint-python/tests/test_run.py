@@ -93,6 +93,25 @@ def test_a_plot_shows_the_map_and_how_far_it_is_off(result: floorprint.Result) -
     pyplot.close("all")
 
 
+def test_a_plot_of_a_log_without_truth_or_with_that_of_another_day(room_log: Path, tmp_path: Path) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    without = floorprint.run(room_log)
+    (axes,) = without.plot().axes
+    assert without.truth is None and axes.get_xlim() == without.map.extent[:2]
+    log = tmp_path / "robot.clf"
+    log.write_bytes(room_log.read_bytes())
+    another_day = without.trajectory.copy()
+    another_day["stamp_s"] += 86400.0
+    floorprint.write_trajectory(tmp_path / "robot.truth.tum", another_day)
+    beside = floorprint.run(log)
+    assert "trajectory" not in beside.report["errors"]
+    assert beside.truth is not None and len(beside.plot().axes) == 1
+    pyplot.close("all")
+
+
 def test_a_missing_package_is_named_with_what_to_do(result: floorprint.Result, monkeypatch: pytest.MonkeyPatch) -> None:
     for package in ("matplotlib", "pandas", "pyarrow", "tqdm"):
         for inside in [name for name in sys.modules if name.startswith(f"{package}.")]:

@@ -23,7 +23,7 @@ const STYLE: &str = "text{font-family:system-ui,'Segoe UI',Roboto,'Helvetica Neu
     path{fill:none;stroke-linejoin:round;stroke-linecap:round}image{image-rendering:pixelated}\
     .name{font-size:26px;font-weight:600}.soft{font-size:15px;fill:#5b6472}.legend,.title{font-size:15px}\
     .tick{font-size:11px;fill:#5b6472}.grid{stroke:#e1e5ea}.line{stroke-width:1.4}.bar{stroke:#14181f;stroke-width:2}\
-    .trajectory{stroke:#dc2626}.odometry{stroke:#2563eb}.truth{stroke:#15803d}.loops{stroke:#a21caf}\
+    .trajectory{stroke:#dc2626}.odometry{stroke:#2563eb}.truth{stroke:#15803d}.loops{stroke:#a21caf;stroke-opacity:.6}\
     .trajectory-end{stroke:#dc2626}.start.inner,.end{stroke:#fff}.end.inner{stroke:#dc2626}";
 
 /// Draws it.
@@ -106,7 +106,7 @@ fn widths(px_per_m: f64) -> String {
          .plan .trajectory-end.inner{{stroke-width:{}}}</style>",
         m(2.0),
         m(1.5),
-        m(1.5),
+        m(1.0),
         m(6.0),
         m(4.0),
         m(13.0),
@@ -121,10 +121,11 @@ fn plan(plot: &Plot, view: &View) -> Result<String, png::EncodingError> {
     let line =
         |class: &str, poses: &[StampedPose]| if poses.is_empty() { String::new() } else { view.path(class, poses) };
     let mut plan = format!("<g class=\"plan\">{image}{}", line("odometry", &plot.odometry));
+    // Many loops would bury the trajectory.
+    plan.push_str(&view.segments("loops", plot.loops.iter().map(|[older, newer]| [older, newer])));
     plan.push_str(&line("trajectory", &plot.trajectory));
     // Above the trajectory, which it would else be hidden by.
     plan.push_str(&line("truth", &plot.truth));
-    plan.push_str(&view.segments("loops", plot.loops.iter().map(|[older, newer]| [older, newer])));
     plan.push_str(&ends(&plot.trajectory));
     plan.push_str("</g>");
     Ok(plan)

@@ -112,14 +112,11 @@ impl Plot {
     fn picture(&self) -> Picture {
         let mut figure = Figure::of_map(&self.map);
         let position = |stamped: &StampedPose| [stamped.pose.x, stamped.pose.y];
-        for (poses, color, width_px) in
-            [(&self.odometry, DEAD_RECKONING, 1.5), (&self.truth, TRUTH, 2.0), (&self.trajectory, TRAJECTORY, 2.0)]
-        {
-            figure.draw_line(poses.iter().map(position), color, width_px);
-        }
-        for ends in &self.loops {
-            figure.draw_line(ends.iter().map(position), LOOPS, 1.5);
-        }
+        // Many loops would bury the trajectory; the truth would be hidden by it.
+        figure.draw_segments(self.loops.iter().map(|ends| ends.each_ref().map(position)), LOOPS, 1.0);
+        figure.draw_line(self.odometry.iter().map(position), DEAD_RECKONING, 1.5);
+        figure.draw_line(self.trajectory.iter().map(position), TRAJECTORY, 2.0);
+        figure.draw_line(self.truth.iter().map(position), TRUTH, 1.0);
         figure.into_picture()
     }
 }

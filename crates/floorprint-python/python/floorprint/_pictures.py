@@ -21,7 +21,7 @@ def new_figure(charts: int = 0) -> tuple[Axes, list[Axes]]:
     """
     pyplot = needed("matplotlib.pyplot", "pictures", "floorprint[plot]")
     if charts == 0:
-        return pyplot.subplots()[1], []
+        return pyplot.subplots(figsize=(7.5, 7.0), layout="constrained")[1], []
     figure = pyplot.figure(figsize=(9.0, 9.0), layout="constrained")
     grid = figure.add_gridspec(2, charts, height_ratios=[3.2, 1.0])
     return figure.add_subplot(grid[0, :]), [figure.add_subplot(grid[1, chart]) for chart in range(charts)]

@@ -217,9 +217,14 @@ class Result:
         Raises:
             ImportError: matplotlib is not installed.
         """
+        errors = (
+            [] if self.truth is None else [errors_over_time(self.truth, of) for of in (self.odometry, self.trajectory)]
+        )
+        # The truth may be of another time.
+        has_errors = len(errors) > 0 and all(len(error) > 0 for error in errors)
         below: list[Axes] = []
         if axes is None:
-            axes, below = new_figure(charts=0 if self.truth is None else 2)
+            axes, below = new_figure(charts=2 if has_errors else 0)
         self.map.plot(axes)
         lines = [("odometry", self.odometry, BLUE, 0.8), ("trajectory", self.trajectory, RED, 1.2)]
         if self.truth is not None:
@@ -227,26 +232,28 @@ class Result:
         for name, poses, color, width in lines:
             style = "--" if name == "truth" else "-"
             axes.plot(poses["x"], poses["y"], style, color=color, linewidth=width, label=name)
+        # Dead reckoning that runs far off must not shrink the map to a spot.
+        left, right, bottom, top = self.map.extent
+        axes.set(xlim=(left, right), ylim=(bottom, top))
         axes.legend(loc="best", fontsize="small")
-        if self.truth is not None and below:
-            self._plot_errors(self.truth, below)
+        if below:
+            self._plot_errors(errors, below)
         return cast("Figure", axes.figure)
 
-    def _plot_errors(self, truth: NDArray[np.void], panels: list[Axes]) -> None:
+    def _plot_errors(self, errors: list[NDArray[np.void]], panels: list[Axes]) -> None:
         """Position and heading errors over time, beside what the trajectory states of its uncertainty."""
         import numpy as np
 
-        start_s = self.trajectory["stamp_s"][0]
+        stamp_s = self.trajectory["stamp_s"]
         sigmas = (self.trajectory["sigma_m"], np.degrees(self.trajectory["sigma_rad"]))
         names = (("translation_m", "position, m"), ("rotation_deg", "heading, °"))
-        found = [(self.odometry, BLUE), (self.trajectory, RED)]
-        errors = [(errors_over_time(truth, poses), color) for poses, color in found]
         for axes, (field, label), sigma in zip(panels, names, sigmas, strict=True):
-            for error, color in errors:
-                axes.plot(error["stamp_s"] - start_s, error[field], color=color, linewidth=0.8)
-            axes.plot(self.trajectory["stamp_s"] - start_s, sigma, ":", color="black", linewidth=0.8, label="stated σ")
+            for error, color in zip(errors, (BLUE, RED), strict=True):
+                axes.plot(error["stamp_s"] - stamp_s[0], error[field], color=color, linewidth=0.8)
+            axes.plot(stamp_s - stamp_s[0], sigma, ":", color="black", linewidth=0.8, label="stated σ")
             # Dead reckoning runs off; the trajectory is what is looked at.
-            axes.set_ylim(0.0, 1.3 * max(float(errors[1][0][field].max()), float(np.nanmax([0.0, *sigma]))) or 1.0)
+            highest = np.nanmax([*errors[1][field], *sigma, 1e-9])
+            axes.set_ylim(0.0, 1.3 * float(highest))
             axes.set_xlabel("time, s")
             axes.set_title(f"error of the {label}", fontsize="small")
             axes.grid(alpha=0.3)
