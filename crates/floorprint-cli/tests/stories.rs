@@ -751,6 +751,9 @@ fn a_run_or_a_session_is_drawn_as_one_picture() {
     assert!(plot("run", "pixels.png", &[]).0.starts_with(b"\x89PNG"));
     assert!(failure(&["plot", &path("run"), "--out", "picture.pdf"], 2).contains(".svg or .png"));
     assert!(failure(&["plot", folder.path().to_str().unwrap()], 1).contains("is no folder of a run"));
+    // What another command left looks like a run, but is none.
+    fs::write(path("run/report.json"), report.replacen("\"what\": \"", "\"what\": \"another ", 1)).unwrap();
+    assert!(failure(&["plot", &path("run")], 1).contains("made by another command"));
 }
 
 #[test]

@@ -4,12 +4,12 @@ mod page;
 
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use clap::Args;
 use floorprint::evaluation::{PoseError, StampIndex};
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
-use floorprint_io::{read_map, read_text, read_trajectory, write_file};
+use floorprint_io::{Contents, read_map, read_text, read_trajectory, write_file};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -80,6 +80,8 @@ impl Run {
         let path = folder.join("report.json");
         let text = read_text(&path).with_context(|| format!("{} is no folder of a run", folder.display()))?;
         let report: Value = serde_json::from_str(&text).with_context(|| format!("cannot read {}", path.display()))?;
+        let is_run = report.get("what").and_then(Value::as_str) == Some(Contents::Run.what());
+        ensure!(is_run, "{} is no folder of a run: what is in it was made by another command", folder.display());
         let path = folder.join("config.toml");
         let table: Table = read_text(&path)?.parse().with_context(|| format!("cannot read {}", path.display()))?;
         let mut options = BTreeMap::new();
