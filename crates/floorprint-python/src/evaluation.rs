@@ -113,6 +113,7 @@ pub(crate) fn calibrate(py: Python<'_>, path: PathBuf, choice: Choice, layers: L
 
 /// Simulates a drive into a folder; gives its length in seconds.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "they are named on the side of Python")]
 pub(crate) fn simulate(
     py: Python<'_>,
     out: PathBuf,

@@ -22,6 +22,7 @@ pub(crate) struct Solved(Mutex<floorprint_cli::Solved>);
 
 /// Solves a drive without writing anything.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "they are named on the side of Python")]
 pub(crate) fn solve(
     py: Python<'_>,
     path: PathBuf,
