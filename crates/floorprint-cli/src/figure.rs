@@ -19,6 +19,10 @@ pub(crate) const OCCUPIED: Color = [0, 0, 0];
 pub(crate) const DEAD_RECKONING: Color = [37, 99, 235];
 /// The filter's trajectory.
 pub(crate) const TRAJECTORY: Color = [220, 38, 38];
+/// The true trajectory.
+pub(crate) const TRUTH: Color = [21, 128, 61];
+/// Loop closures.
+pub(crate) const LOOPS: Color = [162, 28, 175];
 
 /// Pixels around the map.
 const MARGIN_PX: usize = 24;
@@ -95,6 +99,15 @@ impl Figure {
                 self.cover_segment(&mut coverage, from, point, width_px / 2.0);
                 last = Some(point);
             }
+        }
+        self.blend(&coverage, color);
+    }
+
+    /// Draws straight lines, each between two points of the world, metres.
+    pub(crate) fn draw_segments(&mut self, ends_m: impl Iterator<Item = [[f64; 2]; 2]>, color: Color, width_px: f64) {
+        let mut coverage = vec![0_u8; self.pixels.len()];
+        for [from, to] in ends_m.map(|ends| ends.map(|end_m| self.to_px(end_m))) {
+            self.cover_segment(&mut coverage, from, to, width_px / 2.0);
         }
         self.blend(&coverage, color);
     }

@@ -23,6 +23,7 @@ mod memory;
 mod number;
 mod optimize;
 mod outcome;
+mod plot;
 mod program;
 mod replay;
 mod report;
@@ -43,6 +44,7 @@ mod view;
 mod watcher;
 
 pub use check::{Told, examine_recording};
+pub use compare::distances;
 pub use config::Settings;
 pub use figure::map_picture;
 pub use map::{Placement, Stored};
@@ -87,6 +89,7 @@ enum Command {
     Info(info::Arguments),
     Check(check::Arguments),
     Compare(compare::Arguments),
+    Plot(plot::Arguments),
     Calibrate(calibrate::Arguments),
     #[command(subcommand)]
     Map(map::Command),
@@ -123,6 +126,7 @@ impl Command {
             Self::Info(arguments) => info::execute(arguments, terminal),
             Self::Check(arguments) => check::execute(arguments, terminal),
             Self::Compare(arguments) => compare::execute(arguments, terminal),
+            Self::Plot(arguments) => plot::execute(arguments, terminal),
             Self::Calibrate(arguments) => calibrate::execute(arguments, terminal),
             Self::Map(command) => map::execute(command, terminal),
             Self::Optimize(arguments) => optimize::execute(arguments, terminal),

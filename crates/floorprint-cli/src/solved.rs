@@ -19,6 +19,7 @@ use floorprint::doctor;
 use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::Finding;
+use floorprint::sensors::StampedPose;
 use floorprint::{Config, Phase, Profiler};
 use floorprint_io::{Contents, Layers, OpenOptions, RunFolder, SessionFile, open, png_bytes};
 use std::path::{Path, PathBuf};
@@ -170,6 +171,17 @@ impl Solved {
     /// Names the call that asked for it, in the report.
     pub fn made_by(&mut self, call: String) {
         self.report.made.command = call;
+    }
+
+    /// Names in the report where the recording came from, where it was fetched to be read.
+    pub fn fetched_from(&mut self, address: String) {
+        self.report.input.path = address;
+    }
+
+    /// The true trajectory in the world of the result; empty where it is not known.
+    #[must_use]
+    pub fn true_trajectory(&self) -> &[StampedPose] {
+        &self.report.errors.true_trajectory
     }
 
     /// The map with trajectory and dead reckoning, as a PNG file's bytes.

@@ -8,9 +8,29 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::thread;
 
-/// What the check needs besides the package.
-const TOOLS: &[&str] =
-    &["maturin>=1.16,<2", "numpy>=1.24", "scipy", "matplotlib", "pytest>=8", "mypy>=1.15", "ruff>=0.12", "tqdm>=4.60"];
+/// What the check needs besides the package: tools, and what the package works with.
+const TOOLS: &[&str] = &[
+    "maturin>=1.16,<2",
+    "pip",
+    "numpy>=1.24",
+    "scipy",
+    "matplotlib",
+    "pytest>=8",
+    "mypy>=1.15",
+    "ruff>=0.12",
+    "tqdm>=4.60",
+    "pandas>=2",
+    "pyarrow>=14",
+    "ray>=2.40",
+    "fsspec>=2023.12",
+    "s3fs",
+    "moto[s3]>=5",
+    "flask",
+    "flask-cors",
+    "jupytext>=1.16",
+    "nbclient>=0.10",
+    "ipykernel",
+];
 /// Of evo the errors count; plots and bags would bring a hundred megabytes along.
 const WITHOUT_DEPENDENCIES: &str = "evo>=1.30";
 
@@ -39,19 +59,29 @@ impl Environment {
         let made = Command::new("python3").args(["-m", "venv"]).arg(&environment.folder).output().unwrap();
         assert!(made.status.success(), "{}", said(&made));
         for tools in [TOOLS, &["--no-deps", WITHOUT_DEPENDENCIES]] {
-            let mut install = environment.command("pip");
-            let install =
-                install.args(["install", "--quiet", "--no-compile", "--retries=1"]).args(tools).output().unwrap();
-            if !install.status.success() {
-                let text = said(&install);
-                let unreachable = ["connection", "Connection", "resolve", "timed out", "No matching distribution"];
-                assert!(unreachable.iter().any(|sign| text.contains(sign)), "{text}");
-                let first = text.trim().lines().next().unwrap_or_default();
-                return Err(format!("the package index cannot be reached: {first}"));
-            }
+            environment.install(tools)?;
         }
         fs::write(installed, wanted).unwrap();
         Ok(environment)
+    }
+
+    /// Installs packages: with uv, in a small part of pip's time, else with pip, which knows how its user reaches the
+    /// index. The reason why they cannot be had.
+    fn install(&self, packages: &[&str]) -> Result<(), String> {
+        if self.passes("pip", &["install", "--quiet", "--no-compile", "--retries=1", "uv"]).is_ok()
+            && self.passes("uv", &[&["pip", "install", "--quiet"], packages].concat()).is_ok()
+        {
+            return Ok(());
+        }
+        let text =
+            match self.passes("pip", &[&["install", "--quiet", "--no-compile", "--retries=1"], packages].concat()) {
+                Ok(()) => return Ok(()),
+                Err(text) => text,
+            };
+        let unreachable = ["connection", "Connection", "resolve", "timed out", "No matching distribution"];
+        assert!(unreachable.iter().any(|sign| text.contains(sign)), "{text}");
+        let first = text.lines().nth(1).unwrap_or_default();
+        Err(format!("the package index cannot be reached: {first}"))
     }
 
     /// A program of the environment, to be run in the package's folder.

@@ -721,6 +721,42 @@ fn the_configuration_is_shown_as_it_comes_out_for_a_data_set() {
 }
 
 #[test]
+fn a_run_or_a_session_is_drawn_as_one_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    run(&drive(), &folder.path().join("run"), &["--no-texture"]);
+    let plot = |run: &str, out: &str, more: &[&str]| {
+        let output = floorprint(&[&["plot", &path(run), "--out", &path(out)], more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        (fs::read(path(out)).unwrap(), text(&output.stderr))
+    };
+    // The truth is found beside the data set, or where one says.
+    let truth = format!("{}/truth.tum", drive());
+    let (svg, _) = plot("run", "found.svg", &[]);
+    assert_eq!(plot("run", "named.svg", &["--truth", &truth]).0, svg);
+    let svg = text(&svg);
+    for part in ["position RMSE", "class=\"truth\"", "class=\"odometry\"", ">Position error, m<", " m</text>"] {
+        assert!(svg.contains(part), "{part}");
+    }
+    assert_eq!(svg.matches("data:image/png").count(), 1);
+    // Without it what was put right later is told, and that it was known once.
+    let report = fs::read_to_string(path("run/report.json")).unwrap();
+    fs::write(path("run/report.json"), report.replace(&drive(), "nowhere")).unwrap();
+    let (svg, said) = plot("run", "without.svg", &[]);
+    assert!(text(&svg).contains("What was put right later") && !text(&svg).contains("class=\"truth\""));
+    assert!(said.contains("--truth names it"), "{said}");
+    // A session has its trajectory only; pixels hold what has no letters.
+    let (svg, _) = plot("run/session.gpkg", "session.svg", &[]);
+    assert!(text(&svg).contains("class=\"trajectory\"") && !text(&svg).contains("class=\"odometry\""));
+    assert!(plot("run", "pixels.png", &[]).0.starts_with(b"\x89PNG"));
+    assert!(failure(&["plot", &path("run"), "--out", "picture.pdf"], 2).contains(".svg or .png"));
+    assert!(failure(&["plot", folder.path().to_str().unwrap()], 1).contains("is no folder of a run"));
+    // What another command left looks like a run, but is none.
+    fs::write(path("run/report.json"), report.replacen("\"what\": \"", "\"what\": \"another ", 1)).unwrap();
+    assert!(failure(&["plot", &path("run")], 1).contains("made by another command"));
+}
+
+#[test]
 fn a_quiet_run_says_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");

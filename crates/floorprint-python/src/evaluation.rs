@@ -6,9 +6,9 @@ use crate::errors::{OrRaise, failed};
 use crate::recording::Choice;
 use crate::watched::watched;
 use floorprint::calibration::Calibration;
-use floorprint::evaluation::{Alignment, RelationReport, Span, TrajectoryError, TrajectoryErrorOptions};
+use floorprint::evaluation::{Alignment, RelationReport, Span, StampIndex, TrajectoryError, TrajectoryErrorOptions};
 use floorprint::simulator::{SimulationConfig, World};
-use floorprint_cli::examine_recording;
+use floorprint_cli::{distances, examine_recording};
 use numpy::PyReadonlyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -38,6 +38,23 @@ pub(crate) fn evaluate_trajectory(
     let options = TrajectoryErrorOptions { alignment, spans, ..TrajectoryErrorOptions::default() };
     let error = py.detach(|| TrajectoryError::new(&estimate, &truth, &options)).or_raise()?;
     serde_json::to_string(&error).or_raise()
+}
+
+/// How far a trajectory is from the true one at each time, as columns.
+#[pyfunction]
+pub(crate) fn errors_over_time<'py>(
+    py: Python<'py>,
+    truth: PyReadonlyArray2<'py, f64>,
+    estimate: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (truth, estimate) = (stamped_poses(&truth)?, stamped_poses(&estimate)?);
+    let errors = py.detach(|| distances(&estimate, &StampIndex::new(&truth)));
+    let column = |axis: usize| errors.iter().map(move |error| error[axis]);
+    Ok(Columns::new(py)
+        .with("stamp_s", column(0))?
+        .with("translation_m", column(1))?
+        .with("rotation_deg", column(2))?
+        .into_dict())
 }
 
 /// A trajectory against relations of the Freiburg SLAM benchmark, as JSON.
@@ -96,6 +113,7 @@ pub(crate) fn calibrate(py: Python<'_>, path: PathBuf, choice: Choice, layers: L
 
 /// Simulates a drive into a folder; gives its length in seconds.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "they are named on the side of Python")]
 pub(crate) fn simulate(
     py: Python<'_>,
     out: PathBuf,

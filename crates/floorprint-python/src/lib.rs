@@ -7,7 +7,9 @@ mod arrays;
 mod configuration;
 mod errors;
 mod evaluation;
+mod images;
 mod localizer;
+mod painter;
 mod recording;
 mod records;
 mod session;
@@ -25,8 +27,11 @@ mod _native {
     use super::configuration::{options, resolve};
     #[pymodule_export]
     use super::evaluation::{
-        calibrate, check, evaluate_relations, evaluate_trajectory, read_trajectory, simulate, write_trajectory,
+        calibrate, check, errors_over_time, evaluate_relations, evaluate_trajectory, read_trajectory, simulate,
+        write_trajectory,
     };
+    #[pymodule_export]
+    use super::images::RgbdImage;
     #[pymodule_export]
     use super::localizer::{LocalizationReport, Localizer};
     #[pymodule_export]

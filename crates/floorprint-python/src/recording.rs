@@ -3,13 +3,16 @@
 use crate::arrays::{PoseTuple, pose_tuple};
 use crate::configuration::Layers;
 use crate::errors::OrRaise;
+use crate::images::RgbdImage;
 use crate::records::object;
+use floorprint::texture::{ImagePair, pair_by_time};
 use floorprint::{Frames, Points};
-use floorprint_io::{DataSet, OpenOptions, TopicChoice, USUAL_EXPANSION, open};
+use floorprint_io::{DataSet, ImageEntry, LoadedPair, OpenOptions, TopicChoice, USUAL_EXPANSION, open};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// A recorded drive: an iterable of its records, in the order in which they are to be processed.
 #[pyclass(frozen, module = "floorprint")]
@@ -96,6 +99,27 @@ impl Recording {
             pass.error().map_or(Ok(made), |error| Err(error.clone()))
         });
         frames.or_raise()
+    }
+
+    /// Colour images and the depth images that belong to them, as numbers of both.
+    fn image_pairs(&self, layers: Layers) -> PyResult<Vec<(usize, usize)>> {
+        let gap_max_s = layers.config()?.texture.pairing_gap_max_s;
+        let Some(images) = &self.0.images else { return Ok(Vec::new()) };
+        let stamps = |entries: &[ImageEntry]| entries.iter().map(|entry| entry.stamp_s).collect::<Vec<_>>();
+        let pairing = pair_by_time(&stamps(&images.depth), &stamps(&images.color), gap_max_s);
+        Ok(pairing.pairs.iter().map(|pair| (pair.depth, pair.color)).collect())
+    }
+
+    /// Reads images.
+    fn images(&self, py: Python<'_>, pairs: Vec<(usize, usize)>) -> PyResult<Vec<RgbdImage>> {
+        let Some(images) = &self.0.images else { return Ok(Vec::new()) };
+        if pairs.iter().any(|(depth, color)| *depth >= images.depth.len() || *color >= images.color.len()) {
+            return Err(PyIndexError::new_err("there is no such image"));
+        }
+        let pairs: Vec<ImagePair> = pairs.into_iter().map(|(depth, color)| ImagePair { depth, color }).collect();
+        let take =
+            |pair: LoadedPair| pair.map(|(depth, color)| RgbdImage { depth: Arc::new(depth), color: Arc::new(color) });
+        py.detach(|| images.for_each_pair(&pairs, &|| false, &take)).into_iter().map(|image| image.or_raise()).collect()
     }
 
     fn __repr__(&self) -> String {

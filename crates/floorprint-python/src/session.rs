@@ -1,7 +1,7 @@
 //! Sessions: all that is needed to go on, in a file that QGIS and GDAL open.
 
 use crate::arrays::{Columns, PyRaster, floor_array, map_array};
-use crate::errors::{OrRaise, failed};
+use crate::errors::failed;
 use floorprint::map::{Change, difference};
 use floorprint_cli::{Placement, Stored};
 use pyo3::prelude::*;

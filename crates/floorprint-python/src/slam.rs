@@ -1,12 +1,17 @@
 //! SLAM, pushed by hand.
 
-use crate::arrays::{Columns, PoseTuple, PyRaster, map_array, pose_tuple};
+use crate::arrays::{Columns, PoseTuple, PyRaster, floor_array, map_array, pose_tuple};
 use crate::configuration::Layers;
 use crate::errors::{OrRaise, failed};
+use crate::images::RgbdImage;
+use crate::painter::Painter;
 use crate::recording::Frame;
 use crate::records::record;
 use crate::session::Session;
+use anyhow::Context as _;
 use floorprint::odometry::Synchronizer;
+use floorprint::sensors::Record;
+use floorprint::texture::TextureMap;
 use floorprint_cli::Stored;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -21,10 +26,41 @@ pub(crate) struct Slam(Mutex<Option<Live>>);
 struct Live {
     synchronizer: Synchronizer,
     slam: floorprint::Slam,
+    /// Where the robot states a camera.
+    painter: Option<Painter>,
     config: floorprint::Config,
 }
 
 impl Live {
+    fn new(config: floorprint::Config, slam: floorprint::Slam) -> anyhow::Result<Self> {
+        let synchronizer = Synchronizer::new(&config, None)?;
+        let painter = Painter::new(&config)?;
+        Ok(Self { synchronizer, slam, painter, config })
+    }
+
+    fn push(&mut self, record: Record) -> anyhow::Result<Vec<StepReport>> {
+        let frames = self.synchronizer.push(record)?;
+        if let Some(painter) = &mut self.painter {
+            painter.follow(self.synchronizer.dead_reckoning());
+        }
+        self.process(frames)
+    }
+
+    /// No record follows soon.
+    fn flush(&mut self) -> anyhow::Result<Vec<StepReport>> {
+        let frames = self.synchronizer.finish()?;
+        if let Some(painter) = &mut self.painter {
+            painter.flush(self.synchronizer.dead_reckoning());
+        }
+        self.process(frames)
+    }
+
+    /// The floor so far, where images showed any.
+    fn floor(&mut self) -> Option<TextureMap> {
+        let painter = self.painter.as_ref()?;
+        painter.paint(&self.slam.trajectory())
+    }
+
     fn process(&mut self, frames: Vec<floorprint::Frame>) -> anyhow::Result<Vec<StepReport>> {
         frames.iter().map(|frame| Ok(StepReport(self.slam.process(frame)?))).collect()
     }
@@ -50,27 +86,31 @@ impl Slam {
     #[new]
     fn new(layers: Layers) -> PyResult<Self> {
         let config = layers.config()?;
-        let synchronizer = Synchronizer::new(&config, None).or_raise()?;
         let slam = floorprint::Slam::new(&config);
-        Ok(Self(Mutex::new(Some(Live { synchronizer, slam, config }))))
+        Ok(Self(Mutex::new(Some(Live::new(config, slam).or_raise()?))))
     }
 
     /// Goes on with a session where it ended.
     #[staticmethod]
     fn resume(session: &Session, layers: Layers) -> PyResult<Self> {
         let config = layers.config()?;
-        let synchronizer = Synchronizer::new(&config, None).or_raise()?;
         let slam = floorprint::Slam::resume(session.0.session.clone(), &config).or_raise()?;
-        Ok(Self(Mutex::new(Some(Live { synchronizer, slam, config }))))
+        Ok(Self(Mutex::new(Some(Live::new(config, slam).or_raise()?))))
     }
 
-    /// Takes in a record; gives a report for each scan that is ready by now.
+    /// Takes in a record, or an image; gives a report for each scan that is ready by now.
     fn push(&self, py: Python<'_>, object: &Bound<'_, PyAny>) -> PyResult<Vec<StepReport>> {
+        if let Ok(image) = object.cast::<RgbdImage>() {
+            let image = image.get().clone();
+            return self.with(py, |live| {
+                let painter = live.painter.as_mut().context("the robot states no camera: [robot.depth_camera]")?;
+                painter.push(image);
+                painter.follow(live.synchronizer.dead_reckoning());
+                Ok(Vec::new())
+            });
+        }
         let record = record(object)?;
-        self.with(py, |live| {
-            let frames = live.synchronizer.push(record)?;
-            live.process(frames)
-        })
+        self.with(py, |live| live.push(record))
     }
 
     /// Takes in a frame of a recording.
@@ -80,10 +120,7 @@ impl Slam {
 
     /// No record follows soon: scans that still wait for the odometry are taken in.
     fn flush(&self, py: Python<'_>) -> PyResult<Vec<StepReport>> {
-        self.with(py, |live| {
-            let frames = live.synchronizer.finish()?;
-            live.process(frames)
-        })
+        self.with(py, Live::flush)
     }
 
     /// The next frame may be from anywhere: the robot was switched off and may have been moved.
@@ -100,6 +137,12 @@ impl Slam {
         map.map(|map| map_array(py, &map)).transpose()
     }
 
+    /// The floor so far; None as long as no image showed any.
+    fn floor<'py>(&self, py: Python<'py>) -> PyResult<Option<PyRaster<'py>>> {
+        let floor = self.with(py, |live| Ok(live.floor()))?;
+        floor.map(|floor| floor_array(py, &floor)).transpose()
+    }
+
     /// The trajectory so far, as columns.
     fn trajectory<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let poses = self.with(py, |live| Ok(live.slam.trajectory()))?;
@@ -108,7 +151,10 @@ impl Slam {
 
     /// The session so far.
     fn session(&self, py: Python<'_>) -> PyResult<Session> {
-        let stored = self.with(py, |live| Ok(Stored::new(live.slam.session().clone(), live.config.clone(), None)));
+        let stored = self.with(py, |live| {
+            let floor = live.floor();
+            Ok(Stored::new(live.slam.session().clone(), live.config.clone(), floor))
+        });
         Ok(Session(stored?))
     }
 
@@ -117,9 +163,11 @@ impl Slam {
         let stored = py.detach(|| {
             let mut live = self.0.lock().ok()?.take()?;
             let finish = || {
-                let frames = live.synchronizer.finish()?;
-                live.process(frames)?;
-                Ok(Stored::new(live.slam.finish().session, live.config, None))
+                live.flush()?;
+                let Live { slam, painter, config, .. } = live;
+                let result = slam.finish();
+                let floor = painter.and_then(|painter| painter.paint(&result.trajectory));
+                Ok(Stored::new(result.session, config, floor))
             };
             Some(finish())
         });

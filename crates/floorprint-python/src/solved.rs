@@ -22,6 +22,7 @@ pub(crate) struct Solved(Mutex<floorprint_cli::Solved>);
 
 /// Solves a drive without writing anything.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "they are named on the side of Python")]
 pub(crate) fn solve(
     py: Python<'_>,
     path: PathBuf,
@@ -30,11 +31,15 @@ pub(crate) fn solve(
     threads: Option<u16>,
     paints_floor: bool,
     call: String,
+    fetched_from: Option<String>,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<Solved> {
     let request = Request { path, options: choice.options(), settings: layers.settings()?, threads, paints_floor };
     let mut solved = watched(py, progress, |watcher| solve_drive(&request, watcher))?;
     solved.made_by(call);
+    if let Some(address) = fetched_from {
+        solved.fetched_from(address);
+    }
     Ok(Solved(Mutex::new(solved)))
 }
 
@@ -72,6 +77,13 @@ impl Solved {
 
     fn odometry<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         Ok(Columns::of_poses(py, &self.solved().solution.odometry)?.into_dict())
+    }
+
+    /// The true trajectory; None where it is not known.
+    fn truth<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let solved = self.solved();
+        let truth = solved.true_trajectory();
+        (!truth.is_empty()).then(|| Ok(Columns::of_poses(py, truth)?.into_dict())).transpose()
     }
 
     fn steps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

@@ -38,6 +38,19 @@ def test_what_hangs_is_given_up_and_what_crashes_says_so(drive: Path, monkeypatc
     assert crashed.status == "crashed" and crashed.error is not None and "SIGABRT" in crashed.error
 
 
+def test_what_cannot_work_is_said_at_once(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(TypeError, match="expected a list of paths"):
+        fleet.map(str(drive))
+    with pytest.raises(floorprint.ConfigError, match="did you mean"):
+        fleet.map([drive], filter={"particels": 3})
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(
+        ImportError, match=r"clusters need ray, which is not installed: pip install 'floorprint\[ray\]'"
+    ):
+        fleet.map([drive], cluster=True)
+    assert list(fleet.map([])) == []
+
+
 def test_a_script_needs_no_guard_and_may_stop_early(drive: Path) -> None:
     script = (
         "from floorprint import fleet\n"

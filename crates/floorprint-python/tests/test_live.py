@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,58 @@ def test_sessions_are_saved_gone_on_with_and_merged(drive: Path, result: floorpr
     slam.interrupt()
     slam.process(recording.frames()[0])
     assert len(slam.session) == len(stored) + 1
+
+
+def test_images_pushed_by_hand_paint_the_floor(drive: Path, result: floorprint.Result) -> None:
+    recording = floorprint.open(drive)
+    slam = floorprint.Slam(recording.config())
+    images = list(recording.images())
+    assert len(images) > 10 and images[0].rgb.shape[2] == 3 and images[0].depth.ndim == 2
+    for record in heapq.merge(recording, images, key=lambda record: record.stamp_s):
+        if record is images[len(images) // 2]:
+            assert slam.floor is not None, "there is a floor on the way"
+        slam.push(record)
+    session = slam.finish()
+    assert session.floor is not None and result.floor is not None
+    # The floor that `run` paints from the same images: as much of it, in the same colours.
+    seen, known = (floor.rgba[..., 3] > 0 for floor in (session.floor, result.floor))
+    assert seen.sum() == pytest.approx(known.sum(), rel=0.05)
+    cells = [
+        tuple(round(origin / floor.resolution_m) for origin in floor.origin_m)
+        for floor in (session.floor, result.floor)
+    ]
+    left, low = (max(corner[axis] for corner in cells) for axis in (0, 1))
+    both = [
+        floor.rgba[low - y :, left - x :] for floor, (x, y) in zip((session.floor, result.floor), cells, strict=True)
+    ]
+    rows, columns = (min(part.shape[axis] for part in both) for axis in (0, 1))
+    ours, theirs = (part[:rows, :columns].astype(float) for part in both)
+    common = (ours[..., 3] > 0) & (theirs[..., 3] > 0)
+    assert common.sum() > 0.9 * known.sum()
+    assert np.abs(ours - theirs)[common][:, :3].mean() < 5.0
+
+
+def test_images_are_what_they_were_made_of() -> None:
+    rgb = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    metres = np.array([[0.5, np.nan, 0.0], [1.2345, 70.0, -1.0]])
+    for depth in (metres, metres.astype(np.float32), np.array([[500, 0, 0], [1234, 0, 0]], dtype=np.uint16)):
+        image = floorprint.RgbdImage(2.0, rgb[::-1], depth, depth_stamp_s=1.9)
+        np.testing.assert_array_equal(image.rgb, rgb[::-1])
+        np.testing.assert_allclose(image.depth, [[500, 0, 0], [1234, 0, 0]], atol=1)
+        assert (image.stamp_s, image.depth_stamp_s) == (2.0, 1.9) and image.depth.dtype == np.uint16
+    for wrong, what in (
+        (rgb[..., :2], "rgb: expected"),
+        (rgb.astype(float), "rgb: expected"),
+        (rgb[0], "rgb: expected"),
+    ):
+        with pytest.raises(TypeError, match=what):
+            floorprint.RgbdImage(0.0, wrong, metres)
+    with pytest.raises(TypeError, match=r"depth: expected .* of shape \(2, 3\), int64"):
+        floorprint.RgbdImage(0.0, rgb, np.zeros((2, 3), dtype=np.int64))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="finite"):
+        floorprint.RgbdImage(float("nan"), rgb, metres)
+    with pytest.raises(floorprint.Error, match="states no camera"):
+        floorprint.Slam().push(floorprint.RgbdImage(0.0, rgb, metres))
 
 
 def test_recordings_are_sequences_of_records(drive: Path) -> None:

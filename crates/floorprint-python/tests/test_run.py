@@ -72,9 +72,96 @@ def test_frames_pushed_by_hand_give_the_same_trajectory(drive: Path) -> None:
 def test_results_show_themselves(result: floorprint.Result) -> None:
     assert result._repr_png_().startswith(b"\x89PNG") and result.map._repr_png_().startswith(b"\x89PNG")
     assert "<img" in result._repr_html_() and "RMSE" in result._repr_html_()
+
+
+def test_a_plot_shows_the_map_and_how_far_it_is_off(result: floorprint.Result) -> None:
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("agg")
-    assert len(result.plot().axes[0].lines) == 2
+    from matplotlib import pyplot
+
+    assert result.truth is not None
+    map_axes, position, heading = result.plot().axes
+    assert [line.get_label() for line in map_axes.lines] == ["odometry", "trajectory", "truth"]
+    # The drawn error is that of the report.
+    drawn = np.asarray(position.lines[1].get_ydata())
+    rmse = result.report["errors"]["trajectory"]["translation_m"]["rmse"]
+    assert np.sqrt(np.mean(drawn**2)) == pytest.approx(rmse, rel=1e-3)
+    assert position.get_ylim()[1] > drawn.max() and len(heading.lines) == 3
+    # Into axes of one's own goes the map, and nothing else is made.
+    figure, axes = pyplot.subplots()
+    assert result.plot(axes) is figure and len(figure.axes) == 1
+    pyplot.close("all")
+
+
+def test_a_plot_of_a_log_without_truth_or_with_that_of_another_day(room_log: Path, tmp_path: Path) -> None:
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    without = floorprint.run(room_log)
+    (axes,) = without.plot().axes
+    assert without.truth is None and axes.get_xlim() == without.map.extent[:2]
+    log = tmp_path / "robot.clf"
+    log.write_bytes(room_log.read_bytes())
+    another_day = without.trajectory.copy()
+    another_day["stamp_s"] += 86400.0
+    floorprint.write_trajectory(tmp_path / "robot.truth.tum", another_day)
+    beside = floorprint.run(log)
+    assert "trajectory" not in beside.report["errors"]
+    assert beside.truth is not None and len(beside.plot().axes) == 1
+    pyplot.close("all")
+
+
+def test_a_missing_package_is_named_with_what_to_do(result: floorprint.Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("matplotlib", "pandas", "pyarrow", "tqdm"):
+        for inside in [name for name in sys.modules if name.startswith(f"{package}.")]:
+            monkeypatch.delitem(sys.modules, inside)
+        monkeypatch.setitem(sys.modules, package, None)
+    for needs, extra in (
+        (result.plot, "plot"),
+        (result.map.plot, "plot"),
+        (result.to_pandas, "pandas"),
+        (result.to_arrow, "arrow"),
+        (lambda: floorprint.run("anything", progress=True), "progress"),
+    ):
+        with pytest.raises(ImportError, match=rf"not installed: pip install 'floorprint\[{extra}\]'"):
+            needs()
+
+
+def test_errors_over_time_are_those_of_the_report(result: floorprint.Result) -> None:
+    assert result.truth is not None
+    errors = floorprint.errors_over_time(result.truth, result.trajectory)
+    stated = result.report["errors"]["trajectory"]
+    assert errors["translation_m"].max() == pytest.approx(stated["translation_m"]["max"], abs=1e-9)
+    assert errors["rotation_deg"].max() == pytest.approx(stated["rotation_deg"]["max"], abs=1e-9)
+    assert set(errors["stamp_s"]) <= set(result.trajectory["stamp_s"])
+    # Where nothing is known of the truth there is no error.
+    shifted = result.truth.copy()
+    shifted["stamp_s"] += 1e6
+    assert len(floorprint.errors_over_time(shifted, result.trajectory)) == 0
+
+
+def test_tables_are_frames_of_pandas_and_of_arrow(result: floorprint.Result, tmp_path: Path) -> None:
+    pandas, pyarrow = pytest.importorskip("pandas"), pytest.importorskip("pyarrow")
+    names: tuple[Any, ...] = ("trajectory", "odometry", "steps", "closures")
+    for name in names:
+        array = getattr(result, name)
+        frame, table = result.to_pandas(name), result.to_arrow(name)
+        assert table.column_names == list(array.dtype.names) and len(frame) == table.num_rows == len(array)
+        np.testing.assert_array_equal(table["x"].to_numpy(), array["x"])
+        np.testing.assert_array_equal(frame["x"].to_numpy(), array["x"])
+    assert result.to_pandas().index.name == "stamp_s"
+    assert set(result.to_pandas("closures")["verdict"]) == set(result.closures["verdict"])
+    assert pyarrow.types.is_boolean(result.to_arrow("steps").schema.field("is_lost").type)
+    # An empty table has its columns.
+    assert list(floorprint.to_pandas(result.steps[:0])) == list(result.steps.dtype.names or ())
+    assert floorprint.to_arrow(result.closures[:0]).num_rows == 0
+    with pytest.raises(ValueError, match="there is no table 'poses'; there are trajectory"):
+        result.to_pandas("poses")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="structured array"):
+        floorprint.to_pandas(result.map.cells)  # type: ignore[arg-type]
+    pytest.importorskip("pyarrow.parquet").write_table(result.to_arrow(), tmp_path / "trajectory.parquet")
+    assert len(pandas.read_parquet(tmp_path / "trajectory.parquet")) == len(result.trajectory)
 
 
 def test_progress_is_told_and_what_it_raises_ends_the_work(drive: Path) -> None:

@@ -1,10 +1,12 @@
-"""Bring your own robot: readings pushed as they come in, from any driver.
+# %% [markdown]
+# # Bring your own robot
+#
+# Readings are pushed as they come in, from any driver. The robot here is made up: it drives a circle in a room of
+# 8 m × 6 m, with odometry that reads 1 % long.
+#
+# `python your_own_robot.py`, or as a notebook: `jupytext --to notebook your_own_robot.py`.
 
-    python your_own_robot.py
-
-The robot here is made up: it drives a circle in a room of 8 m × 6 m, with odometry that reads 1 % long.
-"""
-
+# %%
 from __future__ import annotations
 
 import math
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 import floorprint
 
+# %%
 # The LiDAR sits 10 cm ahead of the point whose odometry is told, 30 cm above the floor.
 config = floorprint.Config(robot={"lidar": {"mount": {"x_m": 0.1, "z_m": 0.3}}})
 # The rays of its scans, counter-clockwise.
@@ -37,6 +40,7 @@ def ranges_at(stamp_s: float) -> NDArray[np.float64]:
     return np.asarray(np.minimum(to_x, to_y))
 
 
+# %%
 slam = floorprint.Slam(config)
 newest = None
 for tick in range(1200):
@@ -48,6 +52,7 @@ for tick in range(1200):
     # A scan comes out once the odometry has passed it.
     newest = reports[-1] if reports else newest
 
+# %%
 assert newest is not None
 assert slam.map is not None
 # The world is the body's frame at the first scan.

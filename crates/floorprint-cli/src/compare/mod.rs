@@ -4,12 +4,12 @@ mod page;
 
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use clap::Args;
 use floorprint::evaluation::{PoseError, StampIndex};
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
-use floorprint_io::{read_map, read_text, read_trajectory, write_file};
+use floorprint_io::{Contents, read_map, read_text, read_trajectory, write_file};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -31,11 +31,11 @@ pub(crate) struct Arguments {
 }
 
 /// A run as its folder tells of it.
-struct Run {
+pub(crate) struct Run {
     name: String,
-    report: Value,
-    map: Raster<Occupancy>,
-    trajectory: Vec<StampedPose>,
+    pub(crate) report: Value,
+    pub(crate) map: Raster<Occupancy>,
+    pub(crate) trajectory: Vec<StampedPose>,
     /// The configuration, option by option.
     options: BTreeMap<String, String>,
 }
@@ -60,11 +60,28 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     Ok(Outcome::Fine)
 }
 
+/// How far each pose is from another trajectory at its time: stamp in seconds, metres, degrees. Poses at whose time the
+/// other one tells nothing are left out.
+#[must_use]
+pub fn distances(trajectory: &[StampedPose], other: &StampIndex) -> Vec<[f64; 3]> {
+    let distance = |StampedPose { stamp_s, pose }: &StampedPose| {
+        let error = PoseError::between(&other.interpolated(*stamp_s, SAME_S, LARGEST_GAP_S)?, pose);
+        Some([*stamp_s, error.translation_m, error.rotation_deg])
+    };
+    trajectory.iter().filter_map(distance).collect()
+}
+
 impl Run {
-    fn read(folder: &Path) -> anyhow::Result<Self> {
+    /// Reads a run's folder.
+    ///
+    /// # Errors
+    /// It is none, or a file in it is missing or damaged.
+    pub(crate) fn read(folder: &Path) -> anyhow::Result<Self> {
         let path = folder.join("report.json");
         let text = read_text(&path).with_context(|| format!("{} is no folder of a run", folder.display()))?;
         let report: Value = serde_json::from_str(&text).with_context(|| format!("cannot read {}", path.display()))?;
+        let is_run = report.get("what").and_then(Value::as_str) == Some(Contents::Run.what());
+        ensure!(is_run, "{} is no folder of a run: what is in it was made by another command", folder.display());
         let path = folder.join("config.toml");
         let table: Table = read_text(&path)?.parse().with_context(|| format!("cannot read {}", path.display()))?;
         let mut options = BTreeMap::new();
@@ -76,17 +93,6 @@ impl Run {
             trajectory: read_trajectory(&folder.join("trajectory.tum"))?,
             options,
         })
-    }
-
-    /// How far each pose is from another trajectory at its time: seconds since the start, metres, degrees.
-    fn distances_from(&self, other: &StampIndex) -> Vec<[f64; 3]> {
-        let start_s = self.trajectory.first().map_or(0.0, |first| first.stamp_s);
-        let distance = |stamped: &StampedPose| {
-            let there = other.interpolated(stamped.stamp_s, SAME_S, LARGEST_GAP_S)?;
-            let error = PoseError::between(&there, &stamped.pose);
-            Some([stamped.stamp_s - start_s, error.translation_m, error.rotation_deg])
-        };
-        self.trajectory.iter().filter_map(distance).collect()
     }
 }
 

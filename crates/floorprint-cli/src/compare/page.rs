@@ -1,6 +1,6 @@
 //! The page on which runs are compared.
 
-use super::Run;
+use super::{Run, distances};
 use crate::report::chart::Chart;
 use crate::report::page::{View, escape, map_png, poses};
 use anyhow::Context as _;
@@ -126,8 +126,11 @@ fn errors(runs: &[Run], truth: Option<&[StampedPose]>) -> String {
     let reference = StampIndex::new(truth.unwrap_or_else(|| &runs[0].trajectory));
     let what = if truth.is_some() { "from the truth" } else { "from the first run" };
     let is_compared = |number: usize| truth.is_some() || number > 0;
+    // By seconds since the start, at which a run has its first pose.
     let distance = |(number, run): (usize, &Run)| {
-        if is_compared(number) { run.distances_from(&reference) } else { Vec::new() }
+        let start_s = run.trajectory.first().map_or(0.0, |first| first.stamp_s);
+        let found = if is_compared(number) { distances(&run.trajectory, &reference) } else { Vec::new() };
+        found.into_iter().map(|[stamp_s, metres, degrees]| [stamp_s - start_s, metres, degrees]).collect()
     };
     let distances: Vec<Vec<[f64; 3]>> = runs.iter().enumerate().map(distance).collect();
     // One scale for all, so that they can be compared.

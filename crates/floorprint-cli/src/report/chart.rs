@@ -36,6 +36,12 @@ impl Chart<'_> {
     /// The chart as an `<svg>`; `None` when there is nothing to draw. The horizontal axis has a unit, and
     /// begins at a number or with the first point. In the former case points are marked.
     pub(crate) fn to_svg(&self, unit: &str, from: Option<f64>) -> Option<String> {
+        let (title, lines) = (self.title, self.lines(unit, from)?);
+        Some(format!(r#"<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}">{lines}</svg>"#))
+    }
+
+    /// What is in that `<svg>`.
+    pub(crate) fn lines(&self, unit: &str, from: Option<f64>) -> Option<String> {
         let points = || self.points.iter().filter(|point| point[1].is_finite());
         let extreme = |axis: usize, pick: fn(f64, f64) -> f64| points().map(|point| point[axis]).reduce(pick);
         let (Some(start), Some(end), Some(low), Some(high)) =
@@ -77,10 +83,8 @@ impl Chart<'_> {
                 let _ = write!(svg, r#"<circle class="mark" cx="{right:.1}" cy="{down:.1}" r="3"/>"#);
             }
         }
-        let Self { title, class, .. } = self;
-        Some(format!(
-            r#"<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}">{svg}<path class="line {class}" d="{path}"/></svg>"#
-        ))
+        let class = self.class;
+        Some(format!(r#"{svg}<path class="line {class}" d="{path}"/>"#))
     }
 }
 

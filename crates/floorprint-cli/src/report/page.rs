@@ -509,7 +509,8 @@ impl View {
     }
 
     pub(crate) fn longest_m(&self) -> f64 {
-        (self.high_m[0] - self.low_m[0]).max(self.high_m[1] - self.low_m[1])
+        let [width, height] = self.size_m();
+        width.max(height)
     }
 
     /// All that is drawn, however far off.
@@ -525,9 +526,14 @@ impl View {
         Self { low_m: view.low_m.map(|low| low - air_m), high_m: view.high_m.map(|high| high + air_m) }
     }
 
+    /// Width and height, metres.
+    pub(crate) fn size_m(&self) -> [f64; 2] {
+        [self.high_m[0] - self.low_m[0], self.high_m[1] - self.low_m[1]]
+    }
+
     /// Left, top, width and height, y downwards, metres.
     pub(crate) fn view_box(&self) -> String {
-        let [width, height] = [self.high_m[0] - self.low_m[0], self.high_m[1] - self.low_m[1]];
+        let [width, height] = self.size_m();
         format!("{:.3} {:.3} {width:.3} {height:.3}", self.low_m[0], -self.high_m[1])
     }
 

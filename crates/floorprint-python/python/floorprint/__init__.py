@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from floorprint._config import Config, presets
 from floorprint._errors import ConfigError, DataWarning, Error
-from floorprint._evaluation import calibrate, check, evaluate, evaluate_relations, simulate
+from floorprint._evaluation import calibrate, check, errors_over_time, evaluate, evaluate_relations, simulate
 from floorprint._live import Localizer, Slam
 from floorprint._map import Floor, Map
 from floorprint._native import (
@@ -25,6 +25,7 @@ from floorprint._native import (
     Imu,
     LocalizationReport,
     Odometry,
+    RgbdImage,
     Scan,
     ScanGeometry,
     StepReport,
@@ -34,6 +35,7 @@ from floorprint._poses import read_trajectory, tum, write_trajectory
 from floorprint._recording import Recording, open
 from floorprint._run import Result, run
 from floorprint._session import Change, Session
+from floorprint._tables import to_arrow, to_pandas
 
 if TYPE_CHECKING:
     from floorprint import fleet
@@ -66,6 +68,7 @@ __all__ = [
     "Odometry",
     "Recording",
     "Result",
+    "RgbdImage",
     "Scan",
     "ScanGeometry",
     "Session",
@@ -73,6 +76,7 @@ __all__ = [
     "StepReport",
     "calibrate",
     "check",
+    "errors_over_time",
     "evaluate",
     "evaluate_relations",
     "fleet",
@@ -81,6 +85,8 @@ __all__ = [
     "read_trajectory",
     "run",
     "simulate",
+    "to_arrow",
+    "to_pandas",
     "tum",
     "write_trajectory",
 ]

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from floorprint import _native
 from floorprint._config import Config, configuration
-from floorprint._poses import read_trajectory, rows
+from floorprint._poses import read_trajectory, rows, structured
 from floorprint._progress import Progress, shown
 from floorprint._recording import choice
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
 
@@ -43,6 +44,21 @@ def evaluate(
         _native.evaluate_trajectory(_poses(truth), _poses(estimate), align, list(map(float, stretches_m)))
     )
     return error
+
+
+def errors_over_time(
+    truth: str | PathLike[str] | NDArray[Any], estimate: str | PathLike[str] | NDArray[Any]
+) -> NDArray[np.void]:
+    """How far each pose of a trajectory is from the true one at its time, without any alignment.
+
+    Args:
+        truth, estimate: Poses, or TUM files. Between two true poses it is interpolated, over gaps of up to half a
+            second; poses at whose time nothing is known of the truth are left out.
+
+    Returns:
+        Fields stamp_s (seconds), translation_m (metres) and rotation_deg (degrees, at least 0).
+    """
+    return structured(_native.errors_over_time(_poses(truth), _poses(estimate)))
 
 
 def evaluate_relations(relations: str | PathLike[str], estimate: str | PathLike[str] | NDArray[Any]) -> dict[str, Any]:

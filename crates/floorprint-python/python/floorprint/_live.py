@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from floorprint import _native
 from floorprint._config import Config, configuration
-from floorprint._map import Map, map_of
-from floorprint._native import Frame, LocalizationReport, StepReport
+from floorprint._map import Floor, Map, floor_of, map_of
+from floorprint._native import Frame, LocalizationReport, RgbdImage, StepReport
 from floorprint._poses import structured
 from floorprint._recording import Record
 from floorprint._session import Session
@@ -40,10 +40,16 @@ class Slam:
         layers = self.config.layers
         self._native = _native.Slam(layers) if session is None else _native.Slam.resume(session._native, layers)
 
-    def push(self, record: Record) -> list[StepReport]:
-        """Takes in a record; gives a report for each scan that is ready by now.
+    def push(self, record: Record | RgbdImage) -> list[StepReport]:
+        """Takes in a record, or an image; gives a report for each scan that is ready by now.
 
-        A scan waits until the odometry has passed it, unless it brings its own.
+        A scan waits until the odometry has passed it, unless it brings its own. Images paint the floor where the
+        configuration states the robot's camera, ``robot={"depth_camera": …}``; one that shows no floor, or was taken
+        where the one before was, adds nothing.
+
+        Raises:
+            Error: An image of a robot that states no camera; what the record leads to cannot be computed.
+            RuntimeError: The drive is finished.
         """
         return self._native.push(record)
 
@@ -63,6 +69,11 @@ class Slam:
     def map(self) -> Map | None:
         """The map so far; None as long as nothing was seen. Only what changed is drawn anew."""
         return map_of(self._native.map())
+
+    @property
+    def floor(self) -> Floor | None:
+        """The floor's colours so far, painted anew along the trajectory; None as long as no image showed any."""
+        return floor_of(self._native.floor())
 
     @property
     def trajectory(self) -> NDArray[np.void]:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from floorprint import _native
+from floorprint._pictures import new_figure
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
 
@@ -36,12 +38,11 @@ class Map(_Grid):
         """Left, right, bottom, top in metres, as matplotlib's ``imshow(..., origin="lower")`` takes it."""
         return self._extent(self.cells)
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, axes: Axes | None = None) -> Axes:
         """Draws it with matplotlib: white free, grey unknown, black occupied. Gives the axes."""
         import numpy as np
-        from matplotlib import pyplot
 
-        axes = pyplot.subplots()[1] if axes is None else axes
+        axes = new_figure()[0] if axes is None else axes
         shade = np.select([self.cells < 0, self.cells >= 50], [205, 0], 255).astype(np.uint8)
         axes.imshow(shade, cmap="gray", vmin=0, vmax=255, origin="lower", extent=self.extent, interpolation="nearest")
         axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
@@ -63,11 +64,9 @@ class Floor(_Grid):
         """Left, right, bottom, top in metres, as matplotlib's ``imshow(..., origin="lower")`` takes it."""
         return self._extent(self.rgba)
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(self, axes: Axes | None = None) -> Axes:
         """Draws it with matplotlib. Gives the axes."""
-        from matplotlib import pyplot
-
-        axes = pyplot.subplots()[1] if axes is None else axes
+        axes = new_figure()[0] if axes is None else axes
         axes.imshow(self.rgba, origin="lower", extent=self.extent, interpolation="nearest")
         axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
         return axes

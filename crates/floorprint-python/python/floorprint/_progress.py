@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from floorprint._optional import needed
+
 #: Called with the task (``solving`` …), the steps done and the steps in all (0 where that is not known).
 Progress = Callable[[str, int, int], object]
 
@@ -19,7 +21,7 @@ def shown(progress: bool | Progress) -> Iterator[Progress | None]:
     if not progress:
         yield None
         return
-    from tqdm.auto import tqdm
+    tqdm = needed("tqdm.auto", "progress bars", "floorprint[progress]").tqdm
 
     bar: Any = None
 

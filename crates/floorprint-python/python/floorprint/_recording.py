@@ -9,10 +9,16 @@ from typing import Any
 
 from floorprint import _native
 from floorprint._config import Config, configuration
-from floorprint._native import Encoders, Frame, Imu, Odometry, Scan
+from floorprint._native import Encoders, Frame, Imu, Odometry, RgbdImage, Scan
 
 Record = Scan | Odometry | Encoders | Imu
 Choice = tuple[int | None, list[str], str | None, str | None, str | None, float | None]
+
+
+#: So many images are in memory at a time.
+IMAGES_AT_ONCE = 16
+#: Nothing is chosen: what to use of a recording is found out.
+EVERYTHING: Choice = (None, [], None, None, None, None)
 
 
 def choice(
@@ -78,6 +84,18 @@ class Recording:
     def frames(self, config: Config | None = None) -> list[Frame]:
         """The frames that :meth:`Slam.process` takes, as ``run`` makes them: scans with the motion before them."""
         return self._native.frames(self.config(config).layers)
+
+    def images(self, config: Config | None = None) -> Iterator[RgbdImage]:
+        """The colour images, each with the depth image that was taken nearest to it, in the order of time.
+
+        They are read as they are asked for, some at a time. With :meth:`Slam.push` they paint the floor.
+
+        Raises:
+            Error: An image is damaged.
+        """
+        pairs = self._native.image_pairs(self.config(config).layers)
+        for first in range(0, len(pairs), IMAGES_AT_ONCE):
+            yield from self._native.images(pairs[first : first + IMAGES_AT_ONCE])
 
 
 def open(

@@ -7,19 +7,30 @@ import json
 from collections.abc import Sequence
 from functools import cached_property
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from floorprint import _native
 from floorprint._config import Config, configuration
+from floorprint._evaluation import errors_over_time
 from floorprint._map import Floor, Map, floor_of
+from floorprint._pictures import BLUE, GREEN, RED, new_figure
 from floorprint._poses import structured, tum
 from floorprint._progress import Progress, shown
-from floorprint._recording import choice
+from floorprint._recording import EVERYTHING, Choice, choice
 from floorprint._session import Session
+from floorprint._tables import to_arrow, to_pandas
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas
+    import pyarrow
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
+
+#: The tables of a result.
+Table = Literal["trajectory", "odometry", "steps", "closures"]
+TABLES = get_args(Table)
 
 
 def run(
@@ -57,18 +68,30 @@ def run(
         Error: The recording cannot be read, or no map can be made of it.
         KeyboardInterrupt: Ctrl-C.
     """
-    config = configuration(config, preset, settings)
-    words = ["floorprint.run", fspath(path), *config.layers[2]]
+    return solve(
+        path,
+        configuration(config, preset, settings),
+        choice(drive, scan, odom, truth, base, max_expansion),
+        threads=threads,
+        texture=texture,
+        progress=progress,
+    )
+
+
+def solve(
+    path: str | PathLike[str],
+    config: Config,
+    chosen: Choice = EVERYTHING,
+    *,
+    threads: int | None = None,
+    texture: bool = True,
+    progress: bool | Progress = False,
+    address: str | None = None,
+) -> Result:
+    """Solves a drive; ``address`` is where a recording came from that was fetched to be read."""
+    words = ["floorprint.run", address or fspath(path), *config.layers[2]]
     with shown(progress) as show:
-        solved = _native.solve(
-            path,
-            choice(drive, scan, odom, truth, base, max_expansion),
-            config.layers,
-            threads,
-            texture,
-            " ".join(words),
-            show,
-        )
+        solved = _native.solve(path, chosen, config.layers, threads, texture, " ".join(words), address, show)
     return Result(solved)
 
 
@@ -96,6 +119,15 @@ class Result:
     def odometry(self) -> NDArray[np.void]:
         """Dead reckoning at the same stamps: fields stamp_s (seconds), x, y (metres), theta (radians)."""
         return structured(self._solved.odometry())
+
+    @cached_property
+    def truth(self) -> NDArray[np.void] | None:
+        """The true trajectory in the result's world; None where it is not known.
+
+        Fields stamp_s (seconds), x, y (metres), theta (radians).
+        """
+        truth = self._solved.truth()
+        return None if truth is None else structured(truth)
 
     @cached_property
     def steps(self) -> NDArray[np.void]:
@@ -149,19 +181,83 @@ class Result:
         """
         self._solved.save(out, replace)
 
-    def to_pandas(self) -> Any:
-        """The trajectory as a pandas data frame, by stamps."""
-        import pandas
+    def to_pandas(self, table: Table = "trajectory") -> pandas.DataFrame:
+        """A table of the result as a pandas data frame, by stamps where it has stamps.
 
-        return pandas.DataFrame(self.trajectory).set_index("stamp_s")
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        frame = to_pandas(self._table(table))
+        return frame.set_index("stamp_s") if "stamp_s" in frame else frame
 
-    def plot(self, axes: Any = None) -> Any:
-        """Draws map, dead reckoning (blue) and trajectory (red) with matplotlib. Gives the figure."""
-        axes = self.map.plot(axes)
-        axes.plot(self.odometry["x"], self.odometry["y"], color="#2563eb", linewidth=0.8, label="odometry")
-        axes.plot(self.trajectory["x"], self.trajectory["y"], color="#dc2626", linewidth=1.2, label="trajectory")
+    def to_arrow(self, table: Table = "trajectory") -> pyarrow.Table:
+        """A table of the result as one of Arrow, which polars, DuckDB and Parquet take as it is.
+
+        Raises:
+            ImportError: pyarrow is not installed.
+        """
+        return to_arrow(self._table(table))
+
+    def _table(self, name: str) -> NDArray[np.void]:
+        if name not in TABLES:
+            raise ValueError(f"there is no table {name!r}; there are {', '.join(TABLES)}")
+        array: NDArray[np.void] = getattr(self, name)
+        return array
+
+    def plot(self, axes: Axes | None = None) -> Figure:
+        """Draws map, dead reckoning (blue) and trajectory (red) with matplotlib; where the truth is known also the true
+        trajectory (green), and below the map the errors over time.
+
+        Args:
+            axes: Where to draw the map, and nothing else; a new figure where nothing is said.
+
+        Returns:
+            The figure: ``savefig`` writes it, a notebook shows it.
+
+        Raises:
+            ImportError: matplotlib is not installed.
+        """
+        errors = (
+            [] if self.truth is None else [errors_over_time(self.truth, of) for of in (self.odometry, self.trajectory)]
+        )
+        # The truth may be of another time.
+        has_errors = len(errors) > 0 and all(len(error) > 0 for error in errors)
+        below: list[Axes] = []
+        if axes is None:
+            axes, below = new_figure(charts=2 if has_errors else 0)
+        self.map.plot(axes)
+        lines = [("odometry", self.odometry, BLUE, 0.8), ("trajectory", self.trajectory, RED, 1.2)]
+        if self.truth is not None:
+            lines.append(("truth", self.truth, GREEN, 1.2))
+        for name, poses, color, width in lines:
+            style = "--" if name == "truth" else "-"
+            axes.plot(poses["x"], poses["y"], style, color=color, linewidth=width, label=name)
+        # Dead reckoning that runs far off must not shrink the map to a spot.
+        left, right, bottom, top = self.map.extent
+        axes.set(xlim=(left, right), ylim=(bottom, top))
         axes.legend(loc="best", fontsize="small")
-        return axes.figure
+        if below:
+            self._plot_errors(errors, below)
+        return cast("Figure", axes.figure)
+
+    def _plot_errors(self, errors: list[NDArray[np.void]], panels: list[Axes]) -> None:
+        """Position and heading errors over time, beside what the trajectory states of its uncertainty."""
+        import numpy as np
+
+        stamp_s = self.trajectory["stamp_s"]
+        sigmas = (self.trajectory["sigma_m"], np.degrees(self.trajectory["sigma_rad"]))
+        names = (("translation_m", "position, m"), ("rotation_deg", "heading, °"))
+        for axes, (field, label), sigma in zip(panels, names, sigmas, strict=True):
+            for error, color in zip(errors, (BLUE, RED), strict=True):
+                axes.plot(error["stamp_s"] - stamp_s[0], error[field], color=color, linewidth=0.8)
+            axes.plot(stamp_s - stamp_s[0], sigma, ":", color="black", linewidth=0.8, label="stated σ")
+            # Dead reckoning runs off; the trajectory is what is looked at.
+            highest = np.nanmax([*errors[1][field], *sigma, 1e-9])
+            axes.set_ylim(0.0, 1.3 * float(highest))
+            axes.set_xlabel("time, s")
+            axes.set_title(f"error of the {label}", fontsize="small")
+            axes.grid(alpha=0.3)
+        panels[0].legend(loc="upper left", fontsize="small")
 
     def _repr_png_(self) -> bytes:
         return self._solved.picture_png()
