@@ -91,9 +91,9 @@ impl Tracker {
             pose: self.pose.compose(&last_motion),
             information: motion.information(&last_motion) * PREDICTION_TRUST,
         };
-        // While scans come the map is bent as they are; turns that the odometry misses count where there is no more than it.
+        // While scans come they show the heading; turns that the odometry misses count where there is no more than it.
         let straightened = measured.map(|measured| odometry.straightened(measured));
-        let measured = if is_gap(steps) { straightened } else { measured.copied() };
+        let measured = if steps >= LONG_GAP_STEPS { straightened } else { measured.copied() };
         let prior = measured.map_or(continued, |measured| PoseBelief {
             pose: self.pose.compose(&measured),
             information: information_over(steps, &measured, motion, odometry.noise()),
