@@ -18,11 +18,20 @@ pub(super) struct LocalMap {
     /// Length of the path that it remembers, between half of it and all of it, metres; unlimited where loops are not closed.
     window_m: f64,
     /// The scans that it is made of with their poses, where it is to forget older ones.
-    written: VecDeque<(Pose2, Arc<SurfaceScan>)>,
+    written: VecDeque<Written>,
     /// Path since the oldest scan in it, metres.
     path_m: f64,
     /// Where the last scan was written.
     last_written: Option<Pose2>,
+}
+
+/// A scan in the map.
+#[derive(Debug, Clone)]
+struct Written {
+    pose: Pose2,
+    scan: Arc<SurfaceScan>,
+    /// How far it sees.
+    view_m: f64,
 }
 
 impl LocalMap {
@@ -37,7 +46,7 @@ impl LocalMap {
 
     /// The scan that was written last, with its pose; `None` where scans are not kept.
     pub(super) fn last(&self) -> Option<(&Pose2, &SurfaceScan)> {
-        self.written.back().map(|(pose, scan)| (pose, scan.as_ref()))
+        self.written.back().map(|last| (&last.pose, last.scan.as_ref()))
     }
 
     /// How many scans it is made of, where they are kept.
@@ -47,7 +56,7 @@ impl LocalMap {
 
     /// The poses of the scans that it is made of, the oldest first.
     pub(super) fn poses(&self) -> impl Iterator<Item = Pose2> {
-        self.written.iter().map(|(pose, _)| *pose)
+        self.written.iter().map(|written| written.pose)
     }
 
     /// Whether the robot moved far enough since the last scan that was written.
@@ -66,7 +75,7 @@ impl LocalMap {
             map.surfaces.add_scan(&pose, &scan);
             map.path_m += map.last_written.map_or(0.0, |last| last.between(&pose).distance());
             map.last_written = Some(pose);
-            map.written.push_back((pose, scan));
+            map.written.push_back(Written { pose, view_m: scan.view_m(), scan });
         }
         map
     }
@@ -76,9 +85,9 @@ impl LocalMap {
         *self = Self::new(self.cell_m, self.window_m);
     }
 
-    /// Writes a scan; with `carve` it clears what is no longer there. A map that has grown too long a past is made anew
+    /// Writes a scan that sees so far; with `carve` it clears what is no longer there. A map that has grown too long a past is made anew
     /// from the younger half of it.
-    pub(super) fn write(&mut self, pose: &Pose2, scan: &Arc<SurfaceScan>, carve: bool) {
+    pub(super) fn write(&mut self, pose: &Pose2, scan: &Arc<SurfaceScan>, view_m: f64, carve: bool) {
         if carve {
             self.surfaces.carve(pose, scan);
         }
@@ -88,18 +97,18 @@ impl LocalMap {
         if self.window_m.is_infinite() {
             return;
         }
-        self.written.push_back((*pose, Arc::clone(scan)));
+        self.written.push_back(Written { pose: *pose, scan: Arc::clone(scan), view_m });
         if self.path_m <= self.window_m {
             return;
         }
         let window_m = self.window_m.max(LEAST_VIEWS * self.mean_view_m());
         if self.path_m > window_m {
             while self.path_m > 0.5 * window_m && self.written.len() > 1 {
-                let Some((oldest, _)) = self.written.pop_front() else { break };
-                self.path_m -= oldest.between(&self.written[0].0).distance();
+                let Some(oldest) = self.written.pop_front() else { break };
+                self.path_m -= oldest.pose.between(&self.written[0].pose).distance();
             }
             self.surfaces = SurfaceMap::new(self.cell_m);
-            for (pose, scan) in &self.written {
+            for Written { pose, scan, .. } in &self.written {
                 self.surfaces.add_scan(pose, scan);
             }
         }
@@ -107,7 +116,7 @@ impl LocalMap {
 
     /// How far its scans see, metres.
     fn mean_view_m(&self) -> f64 {
-        self.written.iter().map(|(_, scan)| scan.view_m()).sum::<f64>() / self.written.len().max(1) as f64
+        self.written.iter().map(|written| written.view_m).sum::<f64>() / self.written.len().max(1) as f64
     }
 
     #[cfg(test)]
@@ -128,7 +137,8 @@ mod tests {
         let mut map = LocalMap::new(MatcherConfig::default().cell_m, 10.0);
         let remembered_m = (0..120).map(|step| {
             let pose = Pose2::new(0.5 * f64::from(step % 2), 0.0, 0.0);
-            map.write(&pose, &Arc::new(SurfaceScan::new(&walls.scan_from(&pose, 361), &Thinning::default())), false);
+            let scan = Arc::new(SurfaceScan::new(&walls.scan_from(&pose, 361), &Thinning::default()));
+            map.write(&pose, &scan, scan.view_m(), false);
             map.size().0
         });
         remembered_m.fold(0.0, f64::max)

@@ -115,7 +115,7 @@ mod tests {
 
     /// As likely followed by the same as by the other: errors that are the odometry's own.
     fn by_chance(step: usize) -> bool {
-        step / 2 % 2 == 0
+        (step / 2).is_multiple_of(2)
     }
 
     fn stated() -> Matrix3<f64> {
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn what_the_next_step_takes_back_is_the_error_of_a_scan() {
-        let to_and_fro = |step: usize| step % 2 == 0;
+        let to_and_fro = |step: usize| step.is_multiple_of(2);
         let [own, of_scans] =
             [gains(drive(300, 0.05, 0.03, 1e6, by_chance)), gains(drive(300, 0.05, 0.03, 1e6, to_and_fro))];
         assert!(of_scans[0] > 10.0 * own[0] && of_scans[2] > 10.0 * own[2], "{of_scans}, {own}");

@@ -315,7 +315,8 @@ impl ParticleFilter {
     fn write(&mut self, scan: &Arc<SurfaceScan>, interruption: Option<Interruption>) -> KeyScan {
         let pose = self.best_particle().pose;
         let carve = self.written.is_multiple_of(CARVE_EVERY);
-        self.particles.par_iter_mut().for_each(|particle| particle.map.write(&particle.pose, scan, carve));
+        let view_m = scan.view_m();
+        self.particles.par_iter_mut().for_each(|particle| particle.map.write(&particle.pose, scan, view_m, carve));
         self.written += 1;
         let doubt = if std::mem::take(&mut self.is_doubtful) { blunder() } else { Matrix3::zeros() };
         KeyScan {
