@@ -323,7 +323,7 @@ fn stands_free(steps: &[f32], point: usize) -> bool {
 const FREE_M: f32 = 1.0;
 /// Such points count where there are fewer others than this share of what a scan may have. Indoors they are legs of chairs and
 /// of people, and walls say enough; among trees they are what there is.
-const FEW_SHARE: f64 = 0.25;
+const FEW_SHARE: f64 = 1.0 / 6.0;
 
 /// Rays to either side that must lie on one line.
 const WALL_RAYS: usize = 3;
