@@ -5,7 +5,7 @@ mod data_folder;
 use data_folder::data;
 use floorprint::Frames;
 use floorprint::config::Layer;
-use floorprint::evaluation::{RelationReport, WallSharpness};
+use floorprint::evaluation::{Alignment, RelationReport, TrajectoryError, TrajectoryErrorOptions, WallSharpness};
 use floorprint::geometry::Pose2;
 use floorprint::sensors::Record;
 use floorprint::{Config, Frame, Slam, SlamError, SlamResult};
@@ -110,6 +110,26 @@ fn logs_of_which_few_scans_are_left_are_solved_too() {
         let errors = RelationReport::new(&result.trajectory, &relations).unwrap().all.translation_m.unwrap();
         assert!(result.kidnappings.is_empty(), "{name}, each {every}: {:?}", result.kidnappings);
         assert!(errors.mean < bound_m, "{name}, each {every}: {errors:?}");
+    }
+}
+
+/// In buildings that were scanned a metre and more apart much of every scan is new, and walls were hit far apart: that is
+/// ordinary there, and nobody carried the robot.
+#[test]
+fn buildings_scanned_a_metre_apart_are_not_torn_apart() {
+    let Some(data) = data() else { return };
+    for (name, bound_m) in [("acapulco", 0.3), ("edmonton", 0.5), ("seattle", 0.1)] {
+        let folder = data.join("radish");
+        let log = open(&folder.join(format!("{name}.log.gz")), &OpenOptions::default()).unwrap();
+        let reference = read_trajectory(&folder.join(format!("{name}.truth.tum.gz"))).unwrap();
+        let config = Config::resolve(&[Layer::from_robot(&log.robot)]).unwrap();
+        let frames: Vec<Frame> = Frames::new(&log.records, &config).unwrap().iter().collect();
+        let (result, _) = solve(&frames, &config).unwrap();
+        assert!(result.kidnappings.is_empty(), "{name}: {:?}", result.kidnappings);
+        let options =
+            TrajectoryErrorOptions { alignment: Alignment::LeastSquares, ..TrajectoryErrorOptions::default() };
+        let error = TrajectoryError::new(&result.trajectory, &reference, &options).unwrap().translation_m;
+        assert!(error.rmse < bound_m, "{name}: {error:?}");
     }
 }
 

@@ -4,7 +4,10 @@
 
 mod simulation;
 
-use floorprint::simulator::{Fault, SimulationConfig};
+use floorprint::config::Layer;
+use floorprint::evaluation::{Alignment, TrajectoryError, TrajectoryErrorOptions};
+use floorprint::simulator::{Fault, SimulationConfig, World, simulate};
+use floorprint::{Config, Frames, Slam};
 use simulation::{Outcome, quick, solve, solve_as};
 
 /// Drives on which the robot moves while the faults last.
@@ -223,5 +226,28 @@ fn where_many_places_look_the_same_a_carried_robot_is_said_to_be_lost() {
         assert!(kidnappings.len() == 1 && kidnappings[0].found.is_none(), "{outcome}");
         assert!(outcome.error_until(at_s - 0.6) < 0.15 && outcome.wrong_closures == 0, "{outcome}");
         assert!(outcome.live.last().unwrap().is_lost, "{outcome}");
+    }
+}
+
+/// Trees, poles and far walls, scanned a metre apart by few rays, and a pause of minutes in which the robot drives a little:
+/// nobody carried it, and odometry that turns too little by 3 mrad with every metre is put right.
+#[test]
+fn a_campus_is_not_torn_apart() {
+    for seed in [6, 7] {
+        let simulation = World::own_robot("campus").unwrap();
+        let robot = simulation.robot.clone();
+        let drive = simulate(World::named("campus", seed).unwrap(), simulation, seed).unwrap();
+        let config = Config::resolve(&[Layer::from_robot(&robot)]).unwrap();
+        let records = drive.records();
+        let mut slam = Slam::new(&config);
+        for frame in Frames::new(&records, &config).unwrap().iter() {
+            slam.process(&frame).unwrap();
+        }
+        let result = slam.finish();
+        assert!(result.kidnappings.is_empty(), "{seed}: {:?}", result.kidnappings);
+        let options =
+            TrajectoryErrorOptions { alignment: Alignment::LeastSquares, ..TrajectoryErrorOptions::default() };
+        let error = TrajectoryError::new(&result.trajectory, &drive.truth(), &options).unwrap().translation_m;
+        assert!(error.rmse < 1.0, "{seed}: {error:?}");
     }
 }

@@ -30,7 +30,7 @@ pub(super) struct LocalMap {
 struct Written {
     pose: Pose2,
     scan: Arc<SurfaceScan>,
-    /// How far it sees.
+    /// How far it sees, metres.
     view_m: f64,
 }
 
@@ -85,8 +85,8 @@ impl LocalMap {
         *self = Self::new(self.cell_m, self.window_m);
     }
 
-    /// Writes a scan that sees so far; with `carve` it clears what is no longer there. A map that has grown too long a past is made anew
-    /// from the younger half of it.
+    /// Writes a scan that sees as far as `view_m`; with `carve` it clears what is no longer there. A map that has grown too
+    /// long a past is made anew from the younger half of it.
     pub(super) fn write(&mut self, pose: &Pose2, scan: &Arc<SurfaceScan>, view_m: f64, carve: bool) {
         if carve {
             self.surfaces.carve(pose, scan);
@@ -98,9 +98,6 @@ impl LocalMap {
             return;
         }
         self.written.push_back(Written { pose: *pose, scan: Arc::clone(scan), view_m });
-        if self.path_m <= self.window_m {
-            return;
-        }
         let window_m = self.window_m.max(LEAST_VIEWS * self.mean_view_m());
         if self.path_m > window_m {
             while self.path_m > 0.5 * window_m && self.written.len() > 1 {
@@ -131,7 +128,7 @@ mod tests {
     use crate::scan_matcher::synthetic::Walls;
     use crate::surface::Thinning;
 
-    /// The longest path that a map with a window of 10 m remembers of 60 m to and fro within walls that are so far off.
+    /// The longest path that a map with a window of 10 m remembers of 60 m to and fro within walls that are `half_m` off.
     fn longest_path_m(half_m: f64) -> f64 {
         let walls = Walls::default().with_box([0.0, 0.0], [half_m, half_m]);
         let mut map = LocalMap::new(MatcherConfig::default().cell_m, 10.0);

@@ -148,3 +148,48 @@ fn least_points(matcher: &MatcherConfig) -> usize {
     let [least, most] = LEAST_POINTS;
     ((LEAST_POINTS_SHARE * matcher.max_points as f64) as usize).clamp(least, most)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose2;
+    use crate::scan_matcher::synthetic::Walls;
+    use crate::scan_matcher::{PoseBelief, inlier_share};
+    use crate::surface::Thinning;
+    use nalgebra::Matrix3;
+    use std::sync::Arc;
+
+    /// What is said of a scan in which a room's western and eastern walls, 8 m apart, have moved to the east, of a drive of
+    /// which so much of scans ordinarily lies on the map.
+    fn sighting(moved_m: f64, ordinary_share: f64) -> Sighting {
+        let matcher = MatcherConfig::default();
+        let room =
+            |west: f64, east: f64| Walls::default().with_loop(&[[west, -3.0], [east, -3.0], [east, 3.0], [west, 3.0]]);
+        let seen = |walls: &Walls| SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 361), &Thinning::default());
+        let mut map = LocalMap::new(matcher.cell_m, 20.0);
+        let before = Arc::new(seen(&room(-4.0, 4.0)));
+        (0..MATURE_SCANS).for_each(|_| map.write(&Pose2::IDENTITY, &before, before.view_m(), false));
+        let scan = seen(&room(-4.0 + moved_m, 4.0 + moved_m));
+        let share = inlier_share(map.surfaces(), &scan, &Pose2::IDENTITY, &matcher);
+        let fit = MatchResult {
+            belief: PoseBelief { pose: Pose2::IDENTITY, information: Matrix3::identity() },
+            scan_information: Matrix3::identity(),
+            inlier_share: share,
+            score: -1.0,
+        };
+        let mut loss = LossDetector { usual_inlier_share: 1.0, mean_share: ordinary_share, ..LossDetector::default() };
+        loss.observe(&scan, Some(&fit), &map, &matcher)
+    }
+
+    #[test]
+    fn what_contradicts_the_map_is_what_is_not_ordinary_for_the_drive() {
+        let fits = Sighting::Fits { misfits_before: 0 };
+        assert_eq!(sighting(0.0, 1.0), fits);
+        // Two walls are elsewhere, but so near that no ray looked through them: that happens where a third is always missing.
+        assert_eq!(sighting(0.2, 1.0), Sighting::Misfits);
+        assert_eq!(sighting(0.2, 0.7), fits);
+        // What was looked through would have been hit, whatever is ordinary.
+        assert_eq!(sighting(1.0, 1.0), Sighting::Misfits);
+        assert_eq!(sighting(1.0, 0.8), Sighting::Misfits);
+    }
+}

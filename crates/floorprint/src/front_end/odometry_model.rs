@@ -38,7 +38,8 @@ impl OdometryModel {
         self.trust.noise()
     }
 
-    /// A motion at its true length, with the turn that the odometry has turned out to miss.
+    /// A motion at its true length, as [`correct`](Self::correct) gives it, with the turn that the odometry has turned out to
+    /// miss.
     #[must_use]
     pub fn straightened(&self, motion: &Pose2) -> Pose2 {
         self.turn.correct(motion)
@@ -69,7 +70,9 @@ impl OdometryModel {
         }
     }
 
-    /// Notes how far the odometry erred in a step of which the scan is clear.
+    /// Notes how far the odometry erred in a step of which the scan is clear: what it `measured` and what scan and odometry
+    /// together `matched`; standard deviations of position and heading as stated (metres, radians), and what the scan alone
+    /// knows, as information.
     pub fn note(&mut self, measured: &Pose2, matched: &Pose2, sigmas: [f64; 2], scan: &Matrix3<f64>) {
         let measured = self.scale.correct(measured);
         self.record.learn(&self.turn.correct(&measured), matched, sigmas, scan);
@@ -79,5 +82,32 @@ impl OdometryModel {
     /// Hears of a step of which no scan tells.
     pub fn note_nothing(&mut self) {
         self.record.miss();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_learnt_of_the_odometry_is_put_right_and_what_is_left_is_its_noise() {
+        // Ten per cent too long, and three degrees short in every metre.
+        let (measured, matched) = (Pose2::new(1.1, 0.0, 0.0), Pose2::new(1.0, 0.026, 0.052));
+        let scan = Matrix3::identity() * 1e6;
+        let mut model = OdometryModel::default();
+        for _ in 0..2000 {
+            model.learn(&measured, &matched, 0.0, 0.17, &scan, true);
+            model.note(&measured, &matched, [0.17, 0.06], &scan);
+        }
+        let corrected = model.correct(&measured);
+        assert!((corrected.x - 1.0).abs() < 0.01 && corrected.theta == 0.0, "{corrected:?}");
+        let straightened = model.straightened(&corrected);
+        assert!(
+            (straightened.theta - 0.052).abs() < 0.004 && (straightened.y - 0.026).abs() < 0.004,
+            "{straightened:?}"
+        );
+        // What is always the same does not count as noise.
+        let stated = Matrix3::identity();
+        assert!(model.proven(&stated)[(2, 2)] > 100.0, "{}", model.proven(&stated));
     }
 }

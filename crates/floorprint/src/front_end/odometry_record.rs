@@ -4,7 +4,7 @@
 //! reports come late: a scan that sees enough puts that right. Where a scan shows a few trees and poles only, it fits in many
 //! places by chance, and what the odometry has proven on the way so far says more than that.
 
-use super::odometry_trust::tells_motion;
+use super::odometry_trust::{LARGEST_RATIO, tells_motion};
 use crate::geometry::{Pose2, wrap_angle};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -32,8 +32,6 @@ const STEPS_REMEMBERED: f64 = 200.0;
 const MARGIN: f64 = 2.0;
 /// Nothing is ever proven to be better than this share of what is stated.
 const LEAST: f64 = 0.02;
-/// A single step counts no more than so many standard deviations.
-const LARGEST_RATIO: f64 = 3.0;
 
 impl Default for OdometryRecord {
     fn default() -> Self {

@@ -19,11 +19,11 @@ const NEWEST: f64 = 0.02;
 /// The noise is never taken to be smaller than this share of what is stated.
 const LEAST_NOISE: f64 = 0.6;
 /// A single scan counts no more than this ratio.
-const LARGEST_RATIO: f64 = 3.0;
+pub(super) const LARGEST_RATIO: f64 = 3.0;
 /// Steps shorter than this tell nothing about the odometry, metres.
 const SHORTEST_STEP_M: f64 = 0.005;
 /// A scan tells the motion without the odometry if it is this much more certain in every direction.
-const MORE_CERTAIN: f64 = 4.0;
+pub(super) const MORE_CERTAIN: f64 = 4.0;
 
 impl Default for OdometryTrust {
     fn default() -> Self {

@@ -3,7 +3,8 @@
 //! Wheels of unequal size turn a robot a little with every metre, a track width that is not quite known with every turn; neither
 //! averages out as noise does (UMBmark, Borenstein & Feng 1996). Where a scan shows little, that is most of the error.
 
-use crate::geometry::Pose2;
+use super::odometry_trust::MORE_CERTAIN;
+use crate::geometry::{Pose2, wrap_angle};
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -21,8 +22,6 @@ const BELIEVED_RIGHT: f64 = 10.0;
 const MEMORY: f64 = 300.0;
 /// A step counts no more than so many standard deviations off: wheels that slip say nothing about the others.
 const LARGEST_SIGMAS: f64 = 2.0;
-/// A scan tells the heading without the odometry if it is this much more certain.
-const MORE_CERTAIN: f64 = 4.0;
 
 impl Default for OdometryTurn {
     fn default() -> Self {
@@ -42,7 +41,7 @@ impl OdometryTurn {
     }
 
     /// Learns from a step: what the odometry measured and what the scan says, both seen from the pose before; the standard
-    /// deviation of the heading as stated (radians), and the information of the scan.
+    /// deviation of the heading as stated (radians), and what the scan alone knows of it, as information (1/rad²).
     pub fn learn(&mut self, measured: &Pose2, matched: &Pose2, sigma_rad: f64, scan_information_rad: f64) {
         let cause = cause(measured);
         let length = cause.abs().sum();
@@ -50,7 +49,7 @@ impl OdometryTurn {
             return;
         }
         let most_rad = LARGEST_SIGMAS * sigma_rad;
-        let missed_rad = crate::geometry::wrap_angle(matched.theta - measured.theta).clamp(-most_rad, most_rad);
+        let missed_rad = wrap_angle(matched.theta - measured.theta).clamp(-most_rad, most_rad);
         let kept = (-length / MEMORY).exp();
         let believed = Matrix2::identity() * BELIEVED_RIGHT;
         self.information = believed + (self.information - believed) * kept + cause * cause.transpose() / length;

@@ -255,3 +255,37 @@ impl Fit {
 pub(super) fn blunder() -> Matrix3<f64> {
     isotropic(BLUNDER_SIGMA_M, BLUNDER_SIGMA_RAD)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Odometry that misses 0.05 rad of every metre.
+    fn bent_odometry() -> OdometryModel {
+        let mut odometry = OdometryModel::default();
+        for _ in 0..2000 {
+            let (measured, matched) = (Pose2::new(1.0, 0.0, 0.0), Pose2::new(1.0, 0.025, 0.05));
+            odometry.note(&measured, &matched, [0.16, 0.06], &(Matrix3::identity() * 1e6));
+        }
+        odometry
+    }
+
+    #[test]
+    fn turns_that_the_odometry_misses_count_where_scans_say_little_and_over_long_gaps() {
+        let tracker = Tracker::new(Pose2::IDENTITY, 0.0, LocalMap::new(0.05, 20.0));
+        let measured = Pose2::new(2.0, 0.0, 0.0);
+        let predicted = |steps: f64| {
+            let Prediction { prior, proven, .. } =
+                tracker.predict(Some(&measured), steps, &bent_odometry(), &MotionConfig::default());
+            (prior, proven)
+        };
+        let (prior, proven) = predicted(1.0);
+        let proven = proven.unwrap();
+        assert_eq!(prior.pose, measured);
+        assert!((proven.pose.theta - 0.1).abs() < 0.01 && proven.pose.y > 0.05, "{:?}", proven.pose);
+        assert!(proven.information[(2, 2)] > 10.0 * prior.information[(2, 2)]);
+        assert_eq!(predicted(LONG_GAP_STEPS - 1.0).0.pose, measured);
+        let (after_a_gap, proven) = predicted(LONG_GAP_STEPS);
+        assert!(proven.is_none() && (after_a_gap.pose.theta - 0.1).abs() < 0.01, "{:?}", after_a_gap.pose);
+    }
+}

@@ -464,4 +464,32 @@ mod tests {
             }
         }
     }
+
+    /// A room, and a scan of it of which every second point lies on nothing if it `is_poor`.
+    fn room(is_poor: bool) -> (SurfaceMap, SurfaceScan) {
+        let config = MatcherConfig::default();
+        let seen = |rays: usize| SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, rays), &config.thinning());
+        let mut map = SurfaceMap::new(config.cell_m);
+        map.add_scan(&Pose2::IDENTITY, &seen(720));
+        let mut scan = seen(90);
+        for k in (0..if is_poor { scan.len() } else { 0 }).step_by(2) {
+            (scan.x_m[k], scan.y_m[k]) = (0.5 * scan.x_m[k], 0.5 * scan.y_m[k]);
+        }
+        (map, scan)
+    }
+
+    #[test]
+    fn few_points_count_only_as_much_as_they_fit() {
+        let config = MatcherConfig::default();
+        let prior = PoseBelief { pose: Pose2::new(0.02, -0.01, 0.003), information: Matrix3::identity() * 100.0 };
+        let information = |is_poor: bool| {
+            let (map, scan) = room(is_poor);
+            [match_few(&map, &scan, &prior, &config), match_scan(&map, &scan, &prior, &config)]
+                .map(|fit| fit.scan_information[(2, 2)])
+        };
+        let [few, many] = information(false);
+        assert!((few / many - 1.0).abs() < 1e-9, "what fits counts in full: {few}, {many}");
+        let [few, many] = information(true);
+        assert!(few < 0.4 * many, "half of them lie on nothing: {few}, {many}");
+    }
 }

@@ -95,13 +95,13 @@ impl Horizon {
         ([dx, dy], self.range_m[sector_of(dx, dy)])
     }
 
-    /// Whether the scan saw as far as a point, but for `tolerance_m`.
+    /// Whether the scan saw as far as a point, but for `tolerance_m`; where that is negative, so much farther.
     #[inline]
     #[must_use]
     pub fn reaches(&self, point_m: [f32; 2], tolerance_m: f32) -> bool {
         let ([dx, dy], range_m) = self.towards(point_m);
         let seen_m = range_m + tolerance_m;
-        range_m > 0.0 && dx * dx + dy * dy <= seen_m * seen_m
+        range_m > 0.0 && seen_m >= 0.0 && dx * dx + dy * dy <= seen_m * seen_m
     }
 }
 
@@ -151,6 +151,10 @@ mod tests {
         assert!((horizon.farthest_m() - 5.0).abs() < 1e-9);
         assert!(horizon.reaches([4.0, 3.0], 0.0) && horizon.reaches([6.1, 2.0], 0.2));
         assert!(!horizon.reaches([6.3, 2.0], 0.2) && !horizon.reaches([-1.0, 2.0], 0.2));
+        assert!(horizon.reaches([5.6, 2.0], -0.3) && !horizon.reaches([5.8, 2.0], -0.3));
+        // Of what ended right before the LiDAR nothing is seen half a metre farther.
+        let close = Horizon::new([0.0, 0.0], [[0.1, -0.01], [0.1, 0.01]].into_iter());
+        assert!(close.reaches([0.09, 0.0], 0.0) && !close.reaches([0.09, 0.0], -0.5));
     }
 
     proptest! {
