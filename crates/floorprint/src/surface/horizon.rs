@@ -153,8 +153,8 @@ mod tests {
         assert!(!horizon.reaches([6.3, 2.0], 0.2) && !horizon.reaches([-1.0, 2.0], 0.2));
         assert!(horizon.reaches([5.6, 2.0], -0.3) && !horizon.reaches([5.8, 2.0], -0.3));
         // Of what ended right before the LiDAR nothing is seen half a metre farther.
-        let close = Horizon::new([0.0, 0.0], [[0.1, -0.01], [0.1, 0.01]].into_iter());
-        assert!(close.reaches([0.09, 0.0], 0.0) && !close.reaches([0.09, 0.0], -0.5));
+        let close = Horizon::new([0.0, 0.0], (-20..=20).map(|step| [0.1, 0.0005 * f64::from(step)]));
+        assert!(close.reaches([0.05, 0.0], 0.0) && !close.reaches([0.05, 0.0], -0.5));
     }
 
     proptest! {
