@@ -12,6 +12,7 @@ use super::submap::Submap;
 use super::uncertainty::Uncertainty;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::pose_graph::Optimizer;
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// A closure that makes the graph cost this much more than it should is in conflict with something.
@@ -31,6 +32,10 @@ const SURE_M: f64 = 0.3;
 const SURE_OVERLAP_SHARE: f64 = 0.6;
 const MISFIT_SHARE: f64 = 0.4;
 
+/// A submap fits in so many wrong places for each square metre and radian in which it may lie. What is recognised from far off
+/// has to fit the better for it.
+const FITS_BY_CHANCE: f64 = 0.005;
+
 /// Placements of one submap that agree where it lies.
 struct Cluster {
     world_from_middle: Pose2,
@@ -42,6 +47,8 @@ struct Cluster {
     support: f64,
     /// How much better other places fit, on average over the members.
     deficit: f64,
+    /// In how many places the newest submap would fit by chance, as uncertain as it was where it lies.
+    by_chance: f64,
 }
 
 impl Hypothesis {
@@ -90,7 +97,7 @@ impl Hypothesis {
         let Some((newest, pose)) = self.newest() else { return Vec::new() };
         let thought = pose.compose(middle);
         let tied = self.connected_to(newest);
-        let mut placed: Vec<(&Placement, Pose2, (usize, usize))> = Vec::new();
+        let mut placed: Vec<(&Placement, Pose2, (usize, usize), Uncertainty)> = Vec::new();
         for (number, comparison) in comparisons.iter().enumerate() {
             // Where a robot is that was kidnapped is a question of its own: see `relocate`.
             let Some(node) = self.node_of(comparison.older).filter(|&node| tied[node]) else { continue };
@@ -101,13 +108,13 @@ impl Hypothesis {
                 if shift.distance() < 3.0 * uncertainty.sigma_m + ROUTINE_M
                     && wrap_angle(shift.theta).abs() < 3.0 * uncertainty.sigma_rad + 2.0 * ROUTINE_RAD
                 {
-                    placed.push((placement, world_from_middle, (first + number, index)));
+                    placed.push((placement, world_from_middle, (first + number, index), uncertainty));
                 }
             }
         }
         placed.sort_by(|a, b| b.0.quality().total_cmp(&a.0.quality()).then(a.2.cmp(&b.2)));
         let mut clusters: Vec<Cluster> = Vec::new();
-        for (placement, world_from_middle, member) in placed {
+        for (placement, world_from_middle, member, uncertainty) in placed {
             let agrees = |cluster: &&mut Cluster| {
                 let offset = cluster.world_from_middle.between(&world_from_middle);
                 offset.distance() < AGREEMENT_M && offset.theta.abs() < AGREEMENT_RAD
@@ -129,7 +136,15 @@ impl Hypothesis {
                     let support = fit_evidence(surplus, 0.0);
                     let is_conclusive = placement.is_conclusive();
                     let members = vec![member];
-                    clusters.push(Cluster { world_from_middle, members, is_conclusive, support, deficit: 0.0 });
+                    let by_chance = places_by_chance(&uncertainty);
+                    clusters.push(Cluster {
+                        world_from_middle,
+                        members,
+                        is_conclusive,
+                        support,
+                        deficit: 0.0,
+                        by_chance,
+                    });
                 }
             }
         }
@@ -212,11 +227,36 @@ impl Hypothesis {
 impl Cluster {
     /// Log-likelihood ratio of what fits being right against its fitting by chance.
     fn evidence(&self) -> f64 {
-        self.support - EVIDENCE_PER_DEFICIT * self.deficit
+        self.support - EVIDENCE_PER_DEFICIT * self.deficit - self.by_chance.ln_1p()
     }
+}
+
+/// In how many places a submap fits by chance within the region of so much uncertainty: the density of false alarms times
+/// the volume of the region (Reid 1979).
+fn places_by_chance(uncertainty: &Uncertainty) -> f64 {
+    let area_m2 = TAU * uncertainty.sigma_m.powi(2);
+    FITS_BY_CHANCE * area_m2 * (TAU.sqrt() * uncertainty.sigma_rad).min(TAU)
 }
 
 /// Whether a placement that moves a submap by so much leaves it about where it was thought to be.
 pub(super) fn is_no_surprise(shift: &Pose2) -> bool {
     shift.distance() < ROUTINE_M && wrap_angle(shift.theta).abs() < ROUTINE_RAD
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_may_be_anywhere_fits_somewhere_by_chance() {
+        let evidence = |sigma_m: f64, sigma_rad: f64| {
+            let by_chance = places_by_chance(&Uncertainty { sigma_m, sigma_rad });
+            let (support, world_from_middle) = (fit_evidence(0.2, 0.0), Pose2::IDENTITY);
+            Cluster { world_from_middle, members: Vec::new(), is_conclusive: true, support, deficit: 0.0, by_chance }
+                .evidence()
+        };
+        // The best fit there is counts in full for who knows where he is, and not at all for who knows nothing.
+        assert!((evidence(0.3, 0.05) - fit_evidence(0.2, 0.0)).abs() < 0.01);
+        assert!(evidence(3.0, 0.2) > 3.0 && evidence(50.0, 3.0) < 0.0);
+    }
 }

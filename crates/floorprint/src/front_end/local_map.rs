@@ -2,13 +2,16 @@
 
 use crate::geometry::Pose2;
 use crate::scan_matcher::MatcherConfig;
-use crate::surface::{SurfaceMap, SurfaceScan};
+use crate::surface::{Horizon, SurfaceMap, SurfaceScan};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// The path that the map remembers is at least so many times as long as the robot sees: where it sees far, as in the open,
 /// what it sees now it saw for as long.
 const LEAST_VIEWS: f64 = 2.0;
+
+/// What so many of the newest scans had in view is no news.
+const VIEWS: usize = 8;
 
 /// Surfaces of the last so many metres; older places are for the back end to recognise.
 #[derive(Debug, Clone)]
@@ -47,6 +50,16 @@ impl LocalMap {
     /// The scan that was written last, with its pose; `None` where scans are not kept.
     pub(super) fn last(&self) -> Option<(&Pose2, &SurfaceScan)> {
         self.written.back().map(|last| (&last.pose, last.scan.as_ref()))
+    }
+
+    /// What of a scan at a pose its newest scans had in view.
+    pub(super) fn had_in_view(&self, pose: &Pose2, scan: &SurfaceScan) -> SurfaceScan {
+        let to_map = pose.point_transform();
+        let views: Vec<Horizon> = self.written.iter().rev().take(VIEWS).map(|w| w.scan.horizon(&w.pose)).collect();
+        scan.filtered(|point| {
+            let point = to_map(point.map(f64::from)).map(|coordinate| coordinate as f32);
+            views.iter().any(|view| view.reaches(point, 0.0))
+        })
     }
 
     /// How many scans it is made of, where they are kept.
@@ -146,5 +159,18 @@ mod tests {
         let [in_a_room, in_the_open] = [longest_path_m(2.0), longest_path_m(20.0)];
         assert!((9.0..=10.0).contains(&in_a_room), "{in_a_room} m");
         assert!((40.0..=56.0).contains(&in_the_open), "{in_the_open} m");
+    }
+
+    #[test]
+    fn what_lies_behind_a_wall_was_not_in_view() {
+        let (walls, matcher) = (Walls::default().with_box([0.0, 0.0], [2.0, 2.0]), MatcherConfig::default());
+        let scan_of =
+            |walls: &Walls| Arc::new(SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 361), &matcher.thinning()));
+        let mut map = LocalMap::new(matcher.cell_m, 20.0);
+        map.write(&Pose2::IDENTITY, &scan_of(&walls), 2.0, false);
+        let [nearer, farther] =
+            [1.5, 3.0].map(|half_m| scan_of(&Walls::default().with_box([0.0, 0.0], [half_m, half_m])));
+        assert_eq!(map.had_in_view(&Pose2::IDENTITY, &nearer).len(), nearer.len());
+        assert!(map.had_in_view(&Pose2::IDENTITY, &farther).is_empty());
     }
 }

@@ -51,6 +51,12 @@ impl OdometryModel {
         self.record.proven(stated)
     }
 
+    /// Standard deviations of the odometry's errors on this drive as shares of what is stated: of a translation and of a turn.
+    #[must_use]
+    pub fn proven_shares(&self) -> [f64; 2] {
+        self.record.shares()
+    }
+
     /// Learns from a step: what the odometry `measured` and what scan and odometry together `matched`, both seen from
     /// the pose before, in which the body had a `heading_rad`; the standard deviation of a translation as stated
     /// (metres), and what the scan alone knows, as information in the axes of the front end's frame. The length is

@@ -43,10 +43,15 @@ impl OdometryRecord {
     /// Information of a motion, the same with errors as they have turned out to be. It is never less than what is stated.
     #[must_use]
     pub fn proven(&self, stated: &Matrix3<f64>) -> Matrix3<f64> {
-        let gain = |squared_ratio: f64| (MARGIN * squared_ratio.max(0.0).sqrt()).clamp(LEAST, 1.0).recip();
-        let [position, heading] = [self.squared_ratio_m, self.squared_ratio_rad].map(gain);
+        let [position, heading] = self.shares().map(f64::recip);
         let gains = Matrix3::from_diagonal(&[position, position, heading].into());
         gains * stated * gains
+    }
+
+    /// Standard deviations of errors, with a margin, as shares of what is stated: of a translation and of a turn.
+    #[must_use]
+    pub fn shares(&self) -> [f64; 2] {
+        [self.squared_ratio_m, self.squared_ratio_rad].map(|ratio| (MARGIN * ratio.max(0.0).sqrt()).clamp(LEAST, 1.0))
     }
 
     /// Learns from a step: what the odometry measured and what the scan says, both seen from the pose before, and the

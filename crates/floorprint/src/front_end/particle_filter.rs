@@ -66,7 +66,9 @@ pub struct ParticleFilter {
 pub struct FrontEndState {
     /// `odom_from_body`.
     pose: Pose2,
-    last_motion: Pose2,
+    /// Its motion in the usual time between two scans.
+    #[serde(rename = "last_motion")]
+    going: Pose2,
     /// Where the scans were written that the local map is made of: the newest key scans.
     window: Vec<Pose2>,
     unconfirmed: Vec<Pose2>,
@@ -158,7 +160,7 @@ impl ParticleFilter {
         let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
         let steps = self.pace.steps(frame.elapsed_s);
         let fits = self.predict_and_match(motion.as_ref(), steps.max(1.0), &scan);
-        let sighting = self.notice_loss(&scan, &fits, is_gap(steps));
+        let sighting = self.notice_loss(&scan, &fits, steps);
         // Particles moved alike but for noise: the scan is due for all of them or for none.
         let is_due = sighting != Sighting::Misfits && !scan.is_empty() && self.is_due();
         let is_believed = matches!(sighting, Sighting::Fits { .. });
@@ -173,6 +175,7 @@ impl ParticleFilter {
             let Tracker { last_motion, map, .. } = &self.particles[best];
             let step = Step {
                 measured: motion.as_ref(),
+                proven_shares: self.odometry.proven_shares(),
                 matched: last_motion,
                 elapsed_s: frame.elapsed_s,
                 paces: steps,
@@ -225,13 +228,13 @@ impl ParticleFilter {
     }
 
     /// Asks whether the scan contradicts the map; a robot that is lost begins its maps anew.
-    fn notice_loss(&mut self, scan: &SurfaceScan, fits: &[Option<Fit>], after_gap: bool) -> Sighting {
+    fn notice_loss(&mut self, scan: &SurfaceScan, fits: &[Option<Fit>], steps: f64) -> Sighting {
         let best = self.best();
         let fit = fits[best].as_ref();
         let sighting = match &mut self.loss {
             // A scan that fits badly somewhere else than the odometry has it does not tell where the robot came to while
             // nothing was seen.
-            Some(loss) if after_gap && fit.is_some_and(Fit::is_far_off_and_bad) => loss.lose(),
+            Some(loss) if is_gap(steps) && fit.is_some_and(Fit::is_far_off_and_bad) => loss.lose(),
             Some(loss) => loss.observe(scan, fit.map(|fit| &fit.result), &self.particles[best].map, &self.matcher),
             None => Sighting::Fits { misfits_before: 0 },
         };
@@ -244,7 +247,7 @@ impl ParticleFilter {
                     particle.confirm();
                 }
                 Sighting::Misfits => {}
-                Sighting::Lost { .. } => particle.begin_anew(),
+                Sighting::Lost { .. } => particle.begin_anew(steps),
             }
         }
         sighting
@@ -385,7 +388,7 @@ impl ParticleFilter {
         let best = self.best_particle();
         FrontEndState {
             pose: best.pose,
-            last_motion: best.last_motion,
+            going: best.going,
             window: best.map.poses().collect(),
             unconfirmed: best.unconfirmed().to_vec(),
             odometry: self.odometry,
@@ -417,7 +420,7 @@ impl ParticleFilter {
         let map = LocalMap::of(config.matcher.cell_m, window_m, state.window.iter().copied().zip(surfaces));
         for particle in &mut filter.particles {
             particle.map = map.clone();
-            (particle.pose, particle.last_motion) = (state.pose, state.last_motion);
+            (particle.pose, particle.going) = (state.pose, state.going);
             particle.set_unconfirmed(&state.unconfirmed);
             poses.iter().for_each(|pose| particle.trail.push(*pose));
         }
@@ -440,7 +443,7 @@ impl ParticleFilter {
     pub fn interrupt_at(&mut self, odom_from_body: &Pose2) {
         self.is_interrupted = true;
         for particle in &mut self.particles {
-            (particle.pose, particle.last_motion) = (*odom_from_body, Pose2::IDENTITY);
+            (particle.pose, particle.going) = (*odom_from_body, Pose2::IDENTITY);
         }
     }
 

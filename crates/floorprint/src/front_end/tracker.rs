@@ -19,6 +19,8 @@ const PREDICTION_TRUST: f64 = 0.2;
 const SPARSE_SHARE: f64 = 1.0 / 6.0;
 /// … as before, within this many standard deviations.
 const GOING_ON_SIGMAS: f64 = 3.0;
+/// Without odometry, and while scans show nothing, a robot goes on by this share of the step before.
+const UNSEEN_GOES_ON: f64 = 0.95;
 /// A match is doubtful where less than this share of its scan lies on the map.
 const DOUBTFUL_INLIER_SHARE: f64 = 0.6;
 /// How far a doubtful pose may be off: standard deviations, metres and radians.
@@ -36,8 +38,10 @@ pub(super) struct Tracker {
     pub(super) log_evidence: f64,
     pub(super) map: LocalMap,
     pub(super) trail: Trail,
-    /// Motion of the last step, for when nothing measures the next.
+    /// Motion of the last step.
     pub(super) last_motion: Pose2,
+    /// The same in the usual time between two scans, for when nothing measures the next.
+    pub(super) going: Pose2,
     /// What the odometry says of each step since the last scan that fitted.
     unconfirmed: Vec<Pose2>,
 }
@@ -51,6 +55,10 @@ pub(super) struct Prediction {
     /// That the robot goes on as it did.
     continued: PoseBelief,
     step: Pose2,
+    /// Whether the odometry tells the step.
+    is_measured: bool,
+    /// The usual times between two scans that it takes.
+    steps: f64,
 }
 
 impl Tracker {
@@ -62,6 +70,7 @@ impl Tracker {
             map,
             trail: Trail::default(),
             last_motion: Pose2::IDENTITY,
+            going: Pose2::IDENTITY,
             unconfirmed: Vec::new(),
         }
     }
@@ -85,11 +94,10 @@ impl Tracker {
         motion: &MotionConfig,
     ) -> Prediction {
         // Without odometry the robot is taken to go on as it did, with room for change.
-        let last_motion =
-            if is_gap(steps) { Pose2::exp(self.last_motion.log().map(|part| steps * part)) } else { self.last_motion };
+        let going_on = if is_gap(steps) { times(&self.going, steps) } else { self.going };
         let mut continued = PoseBelief {
-            pose: self.pose.compose(&last_motion),
-            information: motion.information(&last_motion) * PREDICTION_TRUST,
+            pose: self.pose.compose(&going_on),
+            information: motion.information(&going_on) * PREDICTION_TRUST,
         };
         // While scans come they show the heading; turns that the odometry misses count where there is no more than it.
         let straightened = measured.map(|measured| odometry.straightened(measured));
@@ -106,7 +114,14 @@ impl Tracker {
             pose: self.pose.compose(&straightened),
             information: odometry.proven(&prior.information),
         });
-        Prediction { prior, proven, continued, step: measured.unwrap_or(last_motion) }
+        Prediction {
+            prior,
+            proven,
+            continued,
+            step: measured.unwrap_or(going_on),
+            is_measured: measured.is_some(),
+            steps,
+        }
     }
 
     /// Moves to where the scan fits the map, once there is one.
@@ -116,10 +131,10 @@ impl Tracker {
         scan: &SurfaceScan,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
-        let Prediction { prior, proven, continued, step } = prediction;
+        let Prediction { prior, proven, continued, step, is_measured, steps } = prediction;
         self.unconfirmed.push(*step);
         if self.map.surfaces().is_empty() {
-            (self.pose, self.last_motion) = (prior.pose, *step);
+            (self.pose, self.last_motion, self.going) = (prior.pose, *step, in_a_step(step, *steps));
             return None;
         }
         let goes_on = continued.sigmas_to(&prior.pose) <= GOING_ON_SIGMAS;
@@ -128,10 +143,21 @@ impl Tracker {
             (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
         let (result, odometry) = match proven.filter(|_| is_sparse) {
             Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
-            None => locate(self.map.surfaces(), scan, prior, continued, matcher),
+            None => {
+                let seen_before = |pose: &Pose2| {
+                    let is_news = *is_measured && !is_gap(*steps);
+                    if is_news { self.map.had_in_view(pose, scan) } else { scan.clone() }
+                };
+                locate(self.map.surfaces(), scan, prior, continued, &seen_before, matcher)
+            }
         };
         self.last_motion = self.pose.between(&result.belief.pose);
         self.pose = result.belief.pose;
+        self.going = in_a_step(&self.last_motion, *steps);
+        if !is_measured && result.scan_information == Matrix3::zeros() {
+            // Nobody goes on for ever.
+            self.going = times(&self.going, UNSEEN_GOES_ON);
+        }
         Some(Fit { result, prior: *prior, odometry })
     }
 
@@ -159,8 +185,9 @@ impl Tracker {
     }
 
     /// Forgets the map of a robot that is lost. The scans since then were matched to a map that does not
-    /// show where they were taken: for their poses the odometry is asked instead.
-    pub(super) fn begin_anew(&mut self) {
+    /// show where they were taken: for their poses the odometry is asked instead. The last step took the usual time
+    /// between two scans so many times.
+    pub(super) fn begin_anew(&mut self, last_steps: f64) {
         self.map.clear();
         let steps = std::mem::take(&mut self.unconfirmed);
         let Some(mut pose) = self.trail.last(steps.len()).first().map(|last_fit| last_fit.pose) else { return };
@@ -171,7 +198,18 @@ impl Tracker {
         self.trail.correct_last(steps.len() - 1, &mut poses);
         self.pose = poses.next().unwrap_or(self.pose);
         self.last_motion = steps[steps.len() - 1];
+        self.going = in_a_step(&self.last_motion, last_steps);
     }
+}
+
+/// So much of a motion.
+fn times(motion: &Pose2, factor: f64) -> Pose2 {
+    Pose2::exp(motion.log().map(|part| factor * part))
+}
+
+/// What of a motion is made in the usual time between two scans, if scans are missing from it.
+fn in_a_step(motion: &Pose2, steps: f64) -> Pose2 {
+    if is_gap(steps) { times(motion, 1.0 / steps) } else { *motion }
 }
 
 /// How a particle's scan fitted its map.
@@ -194,7 +232,7 @@ fn information_over(steps: f64, measured: &Pose2, motion: &MotionConfig, noise: 
     if steps < LONG_GAP_STEPS {
         return at_once;
     }
-    let step = Pose2::exp(measured.log().map(|part| part / steps));
+    let step = times(measured, 1.0 / steps);
     let in_steps = motion.scaled_information(&step, noise) / steps;
     Matrix3::from_diagonal(&at_once.diagonal().sup(&in_steps.diagonal()))
 }
@@ -259,6 +297,8 @@ pub(super) fn blunder() -> Matrix3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scan_matcher::synthetic::Walls;
+    use std::sync::Arc;
 
     /// Odometry that misses 0.05 rad of every metre.
     fn bent_odometry() -> OdometryModel {
@@ -287,5 +327,26 @@ mod tests {
         assert_eq!(predicted(LONG_GAP_STEPS - 1.0).0.pose, measured);
         let (after_a_gap, proven) = predicted(LONG_GAP_STEPS);
         assert!(proven.is_none() && (after_a_gap.pose.theta - 0.1).abs() < 0.01, "{:?}", after_a_gap.pose);
+    }
+
+    /// Nothing measures how a robot goes on that goes 10 cm in each step, misses 30 scans, and then sees nothing.
+    #[test]
+    fn the_way_over_a_gap_is_no_step_and_nobody_goes_on_for_ever() {
+        let (walls, matcher) = (Walls::room(), MatcherConfig::default());
+        let scan = Arc::new(SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 361), &matcher.thinning()));
+        let mut map = LocalMap::new(matcher.cell_m, 20.0);
+        map.write(&Pose2::IDENTITY, &scan, scan.view_m(), false);
+        let mut tracker = Tracker::new(Pose2::IDENTITY, 0.0, map);
+        tracker.going = Pose2::new(0.1, 0.0, 0.0);
+        let mut go_on = |steps: f64| {
+            let prediction = tracker.predict(None, steps, &OdometryModel::default(), &MotionConfig::default());
+            let _ = tracker.match_scan(&prediction, &SurfaceScan::default(), &matcher);
+            tracker.last_motion.distance()
+        };
+        assert!((go_on(30.0) - 3.0).abs() < 1e-9);
+        let next_m = go_on(1.0);
+        assert!((0.05..=0.1).contains(&next_m), "{next_m} m");
+        let blindly_m: f64 = (0..1000).map(|_| go_on(1.0)).sum();
+        assert!(blindly_m < 3.0, "{blindly_m} m");
     }
 }

@@ -24,7 +24,7 @@ const ALIKE: f64 = 1.5;
 const MOVED_M: f64 = 0.3;
 const LEAST_DISTINCTNESS: f64 = 0.15;
 /// Without odometry a scan has to show the motion alone, so that it must fit that much worse.
-const LEAST_DISTINCTNESS_ALONE: f64 = 0.3;
+const LEAST_DISTINCTNESS_ALONE: f64 = 0.2;
 /// What is faster than usual by this factor without odometry that says so is doubtful.
 const HASTE: f64 = 1.5;
 /// Wheels err by this share of what is not seen of their motion in length, by this share in heading, and by so much for each
@@ -32,6 +32,8 @@ const HASTE: f64 = 1.5;
 const WHEELS_ERR: f64 = 0.05;
 const WHEELS_TURN_ERR: f64 = 0.1;
 const WHEELS_ERR_RAD_PER_M: f64 = 0.05;
+/// Odometry that has turned out to be better than it is stated errs the less, down to this share: wheels may slip yet.
+const LEAST_PROVEN: f64 = 0.1;
 /// Wheels that report less than this share of the motion that was last seen may be stuck.
 const STUCK_SHARE: f64 = 0.1;
 /// Slower than this the robot stands, m/s.
@@ -84,6 +86,8 @@ enum Blind {
 pub(super) struct Step<'a> {
     /// What the odometry says of it, if anything.
     pub(super) measured: Option<&'a Pose2>,
+    /// Errors of the odometry on this drive as shares of what is stated of it: of a translation and of a turn.
+    pub(super) proven_shares: [f64; 2],
     /// What scan and odometry together say of it.
     pub(super) matched: &'a Pose2,
     /// Time that it took, seconds.
@@ -152,12 +156,13 @@ impl UnseenMotion {
         }
         let blind = if step.is_believed { self.blind } else { Blind::Altogether };
         let is_dark = blind == Blind::Altogether;
+        let [share_m, share_rad] = step.proven_shares.map(|share| share.max(LEAST_PROVEN));
         self.drift.add(&match measured {
             Some(motion) => Drift {
-                sigma_m: WHEELS_ERR * blind.hidden_m(&motion, heading_rad)
+                sigma_m: share_m * WHEELS_ERR * blind.hidden_m(&motion, heading_rad)
                     + if is_stuck { blind.hidden_m(&went_on, heading_rad) } else { 0.0 },
                 sigma_rad: if is_dark {
-                    WHEELS_TURN_ERR * step.matched.theta.abs() + WHEELS_ERR_RAD_PER_M * motion.norm()
+                    share_rad * (WHEELS_TURN_ERR * step.matched.theta.abs() + WHEELS_ERR_RAD_PER_M * motion.norm())
                 } else {
                     0.0
                 },
@@ -256,13 +261,14 @@ mod tests {
         walls: Walls,
         map: SurfaceMap,
         unseen: UnseenMotion,
+        proven_shares: [f64; 2],
     }
 
     impl Robot {
         fn new(walls: Walls, start: &Pose2, unseen: UnseenMotion) -> Self {
             let mut map = SurfaceMap::new(MatcherConfig::default().cell_m);
             map.add_scan(start, &seen(&walls, start));
-            Self { walls, map, unseen }
+            Self { walls, map, unseen, proven_shares: [1.0; 2] }
         }
 
         /// Comes to `pose` by a step along x of so many metres, of which the odometry reports `measured`; scans usually
@@ -273,6 +279,7 @@ mod tests {
             let result = match_scan(&self.map, &scan, &prior, &matcher);
             let step = Step {
                 measured,
+                proven_shares: self.proven_shares,
                 matched: &Pose2::new(step_m, 0.0, 0.0),
                 elapsed_s,
                 paces: elapsed_s / 0.2,
@@ -310,6 +317,24 @@ mod tests {
         assert!((1.5..2.5).contains(&stuck.sigma_m), "{stuck:?}");
         let none = drift_over_two_metres(&corridor, start, None);
         assert!(none.sigma_m > 0.8, "{none:?}");
+    }
+
+    #[test]
+    fn wheels_that_have_proven_good_are_believed_along_a_corridor_but_not_for_ever() {
+        let corridor = Walls::default().with_box([0.0, 0.0], [60.0, 1.0]);
+        let drift_with = |share: f64| {
+            let start = Pose2::new(-1.0, 0.0, 0.0);
+            let unseen = UnseenMotion { seen_m_s: [0.5, 0.0], ..UnseenMotion::default() };
+            let mut robot = Robot::new(corridor.clone(), &start, unseen);
+            robot.proven_shares = [share; 2];
+            for k in 1..=20 {
+                let pose = start.compose(&Pose2::new(0.1 * f64::from(k), 0.0, 0.0));
+                robot.observe(&pose, 0.1, Some(&Pose2::new(0.1, 0.0, 0.0)), 0.2);
+            }
+            robot.unseen.drift().sigma_m
+        };
+        let [stated, proven, perfect] = [1.0, 0.3, 0.0].map(drift_with);
+        assert!((proven - 0.3 * stated).abs() < 1e-9 && perfect > 0.0, "{stated} {proven} {perfect}");
     }
 
     /// 0.25 m/s, where every third scan comes a millisecond after the one before and the next one late.

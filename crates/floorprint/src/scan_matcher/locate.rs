@@ -2,7 +2,8 @@
 
 use super::correlative::{SearchWindow, search};
 use super::gauss_newton::{match_few, match_scan_against};
-use super::{MatchResult, MatcherConfig, PoseBelief, match_scan};
+use super::{MatchResult, MatcherConfig, PoseBelief, inlier_share, match_scan};
+use crate::geometry::Pose2;
 use crate::surface::SurfaceMap;
 use crate::surface::SurfaceScan;
 use nalgebra::Matrix3;
@@ -41,13 +42,15 @@ pub enum OdometryVerdict {
 }
 
 /// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins. `continued` is where the robot is
-/// if it goes on as in the last step.
+/// if it goes on as in the last step; `seen_before` gives what of the scan the scans of the map had in view if it was taken at
+/// a pose.
 #[must_use]
 pub fn locate(
     map: &SurfaceMap,
     scan: &SurfaceScan,
     prior: &PoseBelief,
     continued: &PoseBelief,
+    seen_before: &dyn Fn(&Pose2) -> SurfaceScan,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
@@ -74,6 +77,11 @@ pub fn locate(
     }
     let verdict = if agrees(prior, &predicted) { OdometryVerdict::Confirmed } else { OdometryVerdict::Contradicted };
     if !is_poor(&predicted) || scan.len() < POINTS_TO_SEARCH {
+        return (predicted, verdict);
+    }
+    // Who sees new things has no reason to look for them elsewhere.
+    let (pose, seen) = (predicted.belief.pose, seen_before(&predicted.belief.pose));
+    if inlier_share(map, &seen, &pose, config) >= config.search_below_inlier_share {
         return (predicted, verdict);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };

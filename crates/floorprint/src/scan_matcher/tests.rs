@@ -2,7 +2,7 @@
 
 use super::OdometryVerdict;
 use super::synthetic::Walls;
-use super::{MatcherConfig, PoseBelief, locate, match_scan, without_hearsay};
+use super::{MatchResult, MatcherConfig, PoseBelief, match_scan, without_hearsay};
 use crate::frame::BodyScan;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::random::{Stage, generator};
@@ -28,6 +28,17 @@ fn scan(walls: &Walls, pose: &Pose2) -> SurfaceScan {
 fn belief(pose: Pose2, sigma_m: f64, sigma_rad: f64) -> PoseBelief {
     let information = Matrix3::from_diagonal(&[sigma_m.powi(-2), sigma_m.powi(-2), sigma_rad.powi(-2)].into());
     PoseBelief { pose, information }
+}
+
+/// [`locate`](super::locate) where the map's scans had all in view that a scan shows.
+fn locate(
+    map: &SurfaceMap,
+    scan: &SurfaceScan,
+    prior: &PoseBelief,
+    continued: &PoseBelief,
+    config: &MatcherConfig,
+) -> (MatchResult, OdometryVerdict) {
+    super::locate(map, scan, prior, continued, &|_| scan.clone(), config)
 }
 
 fn room_map() -> SurfaceMap {
@@ -144,6 +155,54 @@ fn a_corridor_is_not_taken_the_other_way_round_for_what_is_new_in_it() {
     let (found, verdict) = locate(&map, &scan, &prior, &prior, &config);
     assert!(found.inlier_share < config.search_below_inlier_share, "the test needs something new: {found:?}");
     assert!(verdict == OdometryVerdict::Confirmed && found.belief.pose.theta.abs() < 0.05, "{:?}", found.belief.pose);
+}
+
+/// The end of a wall that is known, and a longer one around the corner that is not: turned by a quarter, that one lies on the
+/// other.
+#[test]
+fn who_sees_new_things_does_not_look_for_them_elsewhere() {
+    let config = MatcherConfig::default();
+    let wall = |from: [f32; 2], to: [f32; 2], scan: &mut BodyScan| {
+        let steps = ((to[0] - from[0]).hypot(to[1] - from[1]) / 0.02) as usize;
+        let at = |k: usize, axis: usize| from[axis] + (to[axis] - from[axis]) * k as f32 / steps as f32;
+        (0..=steps).for_each(|k| scan.hits.push(at(k, 0), at(k, 1)));
+    };
+    let (mut known, mut seen) = (BodyScan::default(), BodyScan::default());
+    wall([-6.0, 1.0], [0.5, 1.0], &mut known);
+    wall([-0.8, 1.0], [0.5, 1.0], &mut seen);
+    wall([0.5, 1.7], [0.5, 5.5], &mut seen);
+    let mut map = SurfaceMap::new(config.cell_m);
+    map.add_scan(&Pose2::IDENTITY, &SurfaceScan::new(&known, &config.thinning()));
+    let scan = SurfaceScan::new(&seen, &config.thinning());
+    let prior = belief(Pose2::IDENTITY, 0.03, 0.03);
+    let (astray, _) = locate(&map, &scan, &prior, &prior, &config);
+    assert!(astray.belief.pose.theta.abs() > 1.0, "the test needs a temptation: {astray:?}");
+    let before = |pose: &Pose2| scan.filtered(|[x, y]| pose.transform_point([f64::from(x), f64::from(y)])[1] < 1.2);
+    let (found, verdict) = super::locate(&map, &scan, &prior, &prior, &before, &config);
+    assert!(verdict == OdometryVerdict::Confirmed && found.belief.pose.theta.abs() < 0.05, "{found:?}");
+}
+
+/// A wall at 3 m whose points scatter by twice the distance between them.
+#[test]
+fn noise_makes_no_wall_rough_and_turns_no_normals() {
+    let mut random = generator(2, Stage::Sensors, 0, 0);
+    let mut scan = BodyScan::default();
+    for beam in 0..=170 {
+        let angle = (60.0 + 0.352 * f64::from(beam)).to_radians();
+        let noise_m: f64 = StandardNormal.sample(&mut random);
+        let range_m = 3.0 / angle.sin() + 0.04 * noise_m;
+        scan.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
+    }
+    let scan = SurfaceScan::new(&scan, &Thinning::default());
+    let along: f32 = scan.iter().map(|(_, [x, _])| x * x).sum::<f32>() / scan.len() as f32;
+    let flatness: f32 = scan.iter().map(|(_, [x, y])| x.hypot(y)).sum::<f32>() / scan.len() as f32;
+    assert!(scan.len() > 50 && along.sqrt() < 0.15 && flatness > 0.85, "{} {} {flatness}", scan.len(), along.sqrt());
+    // Its points say next to nothing of where along the wall they were taken.
+    let config = MatcherConfig::default();
+    let mut map = SurfaceMap::new(config.cell_m);
+    map.add_scan(&Pose2::IDENTITY, &scan);
+    let found = match_scan(&map, &scan, &belief(Pose2::new(0.08, 0.0, 0.0), 0.02, 0.02), &config);
+    assert!(found.scan_information[(0, 0)] < 0.03 * found.scan_information[(1, 1)], "{}", found.scan_information);
 }
 
 /// The odometry stood still while the robot turned in a corridor, and makes up for all of it in one step.
