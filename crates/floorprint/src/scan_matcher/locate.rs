@@ -81,7 +81,9 @@ pub fn locate(
     }
     // Who sees new things has no reason to look for them elsewhere.
     let (pose, seen) = (predicted.belief.pose, seen_before(&predicted.belief.pose));
-    if inlier_share(map, &seen, &pose, config) >= config.search_below_inlier_share {
+    let most_fits =
+        |share: f64, points: usize| share * points as f64 >= config.search_below_inlier_share * seen.len() as f64;
+    if most_fits(predicted.inlier_share, scan.len()) && most_fits(inlier_share(map, &seen, &pose, config), seen.len()) {
         return (predicted, verdict);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
