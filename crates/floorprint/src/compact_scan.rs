@@ -40,6 +40,7 @@ impl CompactScan {
                 before = here;
             }
         }
+        push_number(&mut bytes, i64::from(units(scan.range_noise_m)));
         Self::of_part(bytes)
     }
 
@@ -176,6 +177,10 @@ fn unpack(bytes: &[u8]) -> Option<BodyScan> {
             points.push(metres(here[0])?, metres(here[1])?);
         }
     }
+    // Scans that were packed before noise was told end here.
+    if !bytes.is_empty() {
+        scan.range_noise_m = metres(take_number(&mut bytes)?)?.max(0.0);
+    }
     bytes.is_empty().then_some(scan)
 }
 
@@ -196,13 +201,15 @@ mod tests {
             hits in prop::collection::vec((-90.0..90.0_f32, -90.0..90.0_f32), 0..50),
             free in prop::collection::vec((-90.0..90.0_f32, -90.0..90.0_f32), 0..20),
             origin in (-1.0..1.0_f64, -1.0..1.0_f64),
+            noise in 0.0..0.5_f32,
         ) {
-            let scan = BodyScan { origin_m: [origin.0, origin.1], hits: points(&hits), free_ends: points(&free) };
+            let scan = BodyScan { origin_m: [origin.0, origin.1], hits: points(&hits), free_ends: points(&free), range_noise_m: noise };
             let once = CompactScan::new(&scan).unpack();
             for (a, b) in scan.hits.iter().chain(scan.free_ends.iter()).zip(once.hits.iter().chain(once.free_ends.iter())) {
                 prop_assert!((a[0] - b[0]).abs() <= 0.51 / UNITS_PER_M && (a[1] - b[1]).abs() <= 0.51 / UNITS_PER_M);
             }
             prop_assert_eq!(once.hits.len() + once.free_ends.len(), hits.len() + free.len());
+            prop_assert!((once.range_noise_m - noise).abs() <= 0.51 / UNITS_PER_M);
             let twice = CompactScan::new(&once);
             prop_assert_eq!(twice.unpack().hits, once.hits.clone());
             prop_assert_eq!(CompactScan::from_bytes(&twice.bytes()), Some(twice));

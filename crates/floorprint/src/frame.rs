@@ -32,6 +32,8 @@ pub struct BodyScan {
     pub hits: Points,
     /// Up to where rays without a return are taken to be free; empty when they are ignored.
     pub free_ends: Points,
+    /// Standard deviation of the ranges as far as it is known, metres; 0 where it is not.
+    pub range_noise_m: f32,
 }
 
 impl BodyScan {

@@ -2,10 +2,9 @@
 
 use super::hypothesis::Hypothesis;
 use super::submap::Submap;
-use crate::geometry::Pose2;
-use crate::geometry::covariance::{in_frame_of, inverse};
+use crate::geometry::covariance::{inverse, isotropic};
 use crate::key_scan::Drift;
-use crate::pose_graph::RobustKernel;
+use crate::pose_graph::{BetweenFactor, Marginals, PoseGraph, RobustKernel};
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -61,51 +60,15 @@ const LEVER_SHARE: f64 = 0.3;
 /// … and buildings fold long ways up: over no more than this, metres.
 const LONGEST_LEVER_M: f64 = 60.0;
 
+/// Submaps that are no farther apart than this in the drive lie on one stretch: what ties them hardly tells its drift.
+const SAME_STRETCH: usize = 5;
+/// A drift goes the same way over so many submaps to each side, as long as the floor and the walls stay alike.
+const DRIFT_LASTS: usize = 10;
 /// A measurement that the graph had to bend by more than this, squared standard deviations, is as uncertain as that.
 const BENT: f64 = 9.0;
 
 /// What is said of a place to which no way leads, metres and radians: numbers that a file can hold.
 const NOWHERE: f64 = 1e6;
-
-/// A measurement between two nodes.
-#[derive(Clone, Copy)]
-struct Step {
-    /// Its covariance, in the world's axes, of the pose of the node that it leads to.
-    at_end: Matrix3<f64>,
-    /// Whether it is gone the other way round.
-    is_back: bool,
-    drift: Drift,
-}
-
-/// How uncertain a node is in the world.
-#[derive(Clone, Copy, Default)]
-struct InTheWorld {
-    /// Over (x, y, θ).
-    covariance: Matrix3<f64>,
-    /// What does not average out.
-    drift: Drift,
-    /// What only grows along a way: by it ways are compared.
-    cost: f64,
-}
-
-impl InTheWorld {
-    /// The same one step farther.
-    fn moved(&self, here: &Pose2, there: &Pose2, step: &Step) -> Self {
-        let (dx, dy) = (there.x - here.x, there.y - here.y);
-        let turn = Matrix3::new(1.0, 0.0, -dy, 0.0, 1.0, dx, 0.0, 0.0, 1.0);
-        let covariance = if step.is_back {
-            turn * (self.covariance + step.at_end) * turn.transpose()
-        } else {
-            turn * self.covariance * turn.transpose() + step.at_end
-        };
-        let mut drift = self.drift;
-        drift.sigma_m += drift.sigma_rad * dx.hypot(dy);
-        drift.add(&step.drift);
-        // A heading error counts as what it does a metre on.
-        let of_step = Uncertainty::of(&step.at_end).after(&step.drift);
-        Self { covariance, drift, cost: self.cost + of_step.sigma_m.powi(2) + of_step.sigma_rad.powi(2) }
-    }
-}
 
 /// What leads from one node of the graph to another along the most certain way.
 #[derive(Clone, Copy)]
@@ -131,62 +94,68 @@ impl Hypothesis {
         newest.map_or(Vec::new(), |newest| self.reached_from(newest).iter().map(seen).collect())
     }
 
-    /// How uncertain each submap in play is in the world, whose origin is the start of the drive: what adds up along the
-    /// most certain way there. A heading error moves all that comes after it, so that a way that leads back to where it
-    /// began is no more certain for that. What is in conflict with the rest is no way, and a measurement that the graph had
-    /// to bend is as uncertain as it was bent.
+    /// How uncertain each submap in play is in the world, whose origin is the start of the drive: what all measurements
+    /// together leave of it. What is in conflict with the rest is none, and a measurement that the graph had to bend is as
+    /// uncertain as it was bent.
     #[must_use]
     pub fn uncertainties_in_the_world(&self, submaps: &[Arc<Submap>]) -> Vec<Uncertainty> {
+        let stated = self.as_stated(submaps);
+        let is_tied = stated.tied_to_first();
+        let covariances = Marginals::new(&stated).map_or(Vec::new(), |marginals| marginals.covariances());
+        let factor = GROWTH_PER_MISS.powi(self.misses);
+        let of_node = |(node, is_tied): (usize, bool)| {
+            let nowhere = Uncertainty { sigma_m: NOWHERE, sigma_rad: NOWHERE };
+            covariances.get(node).filter(|_| is_tied).map_or(nowhere, |covariance| {
+                let Uncertainty { sigma_m, sigma_rad } = Uncertainty::of(covariance);
+                Uncertainty { sigma_m: factor * sigma_m, sigma_rad: factor * sigma_rad }
+            })
+        };
+        is_tied.into_iter().enumerate().map(of_node).collect()
+    }
+
+    /// The graph with every measurement as uncertain as is stated of it.
+    fn as_stated(&self, submaps: &[Arc<Submap>]) -> PoseGraph {
         let poses = self.graph.poses();
-        let count = poses.len();
-        let mut neighbours: Vec<Vec<(usize, Step)>> = vec![Vec::new(); count];
+        let drifts = self.drifts(submaps);
+        let mut stated = PoseGraph::default();
+        poses.iter().for_each(|pose| {
+            stated.add_node(*pose);
+        });
         for (number, factor) in self.graph.between_factors().iter().enumerate() {
             let is_chain = matches!(factor.kernel, RobustKernel::GemanMcClure { .. });
             if !is_chain && !self.is_in_force(number) {
                 continue;
             }
+            let from_from_to = poses[factor.from].between(&poses[factor.to]);
             let mut covariance = inverse(&factor.information);
             if self.graph.squared_error(number) > BENT {
-                let bend = factor.from_from_to.between(&poses[factor.from].between(&poses[factor.to])).to_vector();
+                let bend = factor.from_from_to.between(&from_from_to).to_vector();
                 covariance += bend * bend.transpose();
             }
-            let link = submaps.get(self.in_play[factor.to]).and_then(|submap| submap.link).filter(|_| is_chain);
-            let drift = link.map_or(Drift::default(), |link| link.drift);
-            let step = Step { at_end: in_world_of(&covariance, &poses[factor.to]), is_back: false, drift };
-            neighbours[factor.from].push((factor.to, step));
-            neighbours[factor.to].push((factor.from, Step { is_back: true, ..step }));
-        }
-        let mut known: Vec<Option<InTheWorld>> = vec![None; count];
-        let mut queue = BTreeSet::new();
-        let mut reached: Vec<Option<InTheWorld>> = vec![None; count];
-        if count > 0 {
-            reached[0] = Some(InTheWorld::default());
-            queue.insert((0_u64, 0));
-        }
-        while let Some((_, here)) = queue.pop_first() {
-            if known[here].is_some() {
-                continue;
+            if is_chain {
+                covariance += drifts[factor.to];
             }
-            known[here] = reached[here];
-            let Some(so_far) = known[here] else { continue };
-            for (next, step) in neighbours[here].iter().filter(|(next, _)| known[*next].is_none()) {
-                let there = so_far.moved(&poses[here], &poses[*next], step);
-                if reached[*next].is_none_or(|other| there.cost < other.cost) {
-                    reached[*next] = Some(there);
-                    // Positive floats sort like their bits.
-                    queue.insert((there.cost.to_bits(), *next));
-                }
+            let information = inverse(&covariance);
+            let kernel = RobustKernel::Quadratic;
+            // What the graph would not take says nothing.
+            let _ = stated.add_between(BetweenFactor { from_from_to, information, kernel, weight: 1.0, ..*factor });
+        }
+        stated
+    }
+
+    /// The covariance by which each submap's way from the one before may have drifted.
+    fn drifts(&self, submaps: &[Arc<Submap>]) -> Vec<Matrix3<f64>> {
+        let drift = |submap: &usize| submaps.get(*submap).and_then(|submap| submap.link).map(|link| link.drift);
+        let mut links: Vec<(Drift, bool)> =
+            self.in_play.iter().map(|submap| (drift(submap).unwrap_or_default(), false)).collect();
+        for (number, factor) in self.graph.between_factors().iter().enumerate() {
+            let is_closure = !matches!(factor.kernel, RobustKernel::GemanMcClure { .. });
+            if is_closure && self.is_in_force(number) && factor.from.abs_diff(factor.to) > SAME_STRETCH {
+                links[factor.from].1 = true;
+                links[factor.to].1 = true;
             }
         }
-        let factor = GROWTH_PER_MISS.powi(self.misses);
-        let seen = |there: Option<InTheWorld>| {
-            let lost = Uncertainty { sigma_m: NOWHERE, sigma_rad: NOWHERE };
-            there.map_or(lost, |there| {
-                let Uncertainty { sigma_m, sigma_rad } = Uncertainty::of(&there.covariance).after(&there.drift);
-                Uncertainty { sigma_m: factor * sigma_m, sigma_rad: factor * sigma_rad }
-            })
-        };
-        known.into_iter().map(seen).collect()
+        covariances_of(&links)
     }
 
     /// The most certain way from a node to each other one, where closures are short cuts (Dijkstra 1959).
@@ -228,16 +197,25 @@ impl Hypothesis {
     }
 }
 
-/// A covariance over (x, y, θ) in the axes of a pose, in the world's.
-fn in_world_of(covariance: &Matrix3<f64>, pose: &Pose2) -> Matrix3<f64> {
-    in_frame_of(covariance, &Pose2::new(0.0, 0.0, -pose.theta))
+/// Drifts of one stretch between closures add up as they are, variances do not: each takes its share of the variance of the
+/// stretch around it. Each drift comes with whether a closure ties the place to which it leads.
+fn covariances_of(links: &[(Drift, bool)]) -> Vec<Matrix3<f64>> {
+    let of_stretch = |stretch: &[(Drift, bool)]| -> Vec<Matrix3<f64>> {
+        let of_link = |(number, (own, _)): (usize, &(Drift, bool))| {
+            let around = number.saturating_sub(DRIFT_LASTS)..stretch.len().min(number + DRIFT_LASTS + 1);
+            let mut all = Drift::default();
+            stretch[around].iter().for_each(|(drift, _)| all.add(drift));
+            isotropic((own.sigma_m * all.sigma_m).sqrt(), (own.sigma_rad * all.sigma_rad).sqrt())
+        };
+        stretch.iter().enumerate().map(of_link).collect()
+    };
+    links.chunk_by(|(_, is_tied), _| !is_tied).flat_map(of_stretch).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::covariance::isotropic;
-    use crate::pose_graph::BetweenFactor;
+    use crate::geometry::Pose2;
 
     /// A robot goes 20 m straight on and back again, and knows its heading to 0.1 rad less after every 10 m.
     #[test]
@@ -275,6 +253,21 @@ mod tests {
         };
         hypothesis.graph.add_between(closure).unwrap();
         let stated = hypothesis.uncertainties_in_the_world(&[]);
-        assert!((stated[4].sigma_m - 0.05).abs() < 1e-6 && (stated[4].sigma_rad - 0.01).abs() < 1e-6, "{stated:?}");
+        assert!((stated[4].sigma_m - 0.05).abs() < 1e-3 && (stated[4].sigma_rad - 0.01).abs() < 1e-3, "{stated:?}");
+        // It says of the way out and back as well how far they were turned.
+        assert!(stated[2].sigma_m < 0.9 && stated[3].sigma_m < 0.55, "{stated:?}");
+        // To where nothing leads, nothing is known.
+        hypothesis.in_play.push(5);
+        hypothesis.graph.add_node(Pose2::IDENTITY);
+        assert!(hypothesis.uncertainties_in_the_world(&[])[5].is_lost());
+    }
+
+    #[test]
+    fn drifts_between_closures_add_up_as_they_are() {
+        let link = |sigma_m, sigma_rad, is_tied| (Drift { sigma_m, sigma_rad }, is_tied);
+        let links = [link(0.3, 0.01, false), link(0.0, 0.0, false), link(0.1, 0.0, true), link(0.2, 0.02, false)];
+        let covariances = covariances_of(&links);
+        let sum = |of: std::ops::Range<usize>| covariances[of].iter().sum::<Matrix3<f64>>();
+        assert!((sum(0..3) - isotropic(0.4, 0.01)).amax() < 1e-12 && (sum(3..4) - isotropic(0.2, 0.02)).amax() < 1e-12);
     }
 }

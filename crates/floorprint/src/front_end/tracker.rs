@@ -7,7 +7,9 @@ use super::pace::is_gap;
 use crate::geometry::covariance::{inverse, isotropic};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::motion_model::MotionConfig;
-use crate::scan_matcher::{MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate};
+use crate::scan_matcher::{
+    MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate, share_of_seen,
+};
 use crate::surface::SurfaceScan;
 use nalgebra::{Matrix3, Vector3};
 
@@ -141,14 +143,14 @@ impl Tracker {
         let sparse_points = SPARSE_SHARE * matcher.max_points as f64;
         let is_sparse =
             (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
+        let seen_before = |pose: &Pose2| self.map.had_in_view(pose, scan);
+        // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
+        let tells_motion = *is_measured && !is_gap(*steps);
         let (result, odometry) = match proven.filter(|_| is_sparse) {
             Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
             None => {
-                let seen_before = |pose: &Pose2| {
-                    let is_news = *is_measured && !is_gap(*steps);
-                    if is_news { self.map.had_in_view(pose, scan) } else { scan.clone() }
-                };
-                locate(self.map.surfaces(), scan, prior, continued, &seen_before, matcher)
+                let seen_before = tells_motion.then_some(&seen_before as &dyn Fn(&Pose2) -> SurfaceScan);
+                locate(self.map.surfaces(), scan, prior, continued, seen_before, matcher)
             }
         };
         self.last_motion = self.pose.between(&result.belief.pose);
@@ -158,7 +160,15 @@ impl Tracker {
             // Nobody goes on for ever.
             self.going = times(&self.going, UNSEEN_GOES_ON);
         }
-        Some(Fit { result, prior: *prior, odometry })
+        let mut explained_share = result.inlier_share;
+        if explained_share < DOUBTFUL_INLIER_SHARE && tells_motion && !is_sparse {
+            let seen = seen_before(&result.belief.pose);
+            if seen.len() >= POINTS_TO_SEARCH {
+                let of_seen = share_of_seen(self.map.surfaces(), scan, &seen, &result, matcher);
+                explained_share = explained_share.max(of_seen);
+            }
+        }
+        Some(Fit { result, explained_share, prior: *prior, odometry })
     }
 
     /// The scans up to here are where they were matched.
@@ -216,6 +226,8 @@ fn in_a_step(motion: &Pose2, steps: f64) -> Pose2 {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fit {
     pub(super) result: MatchResult,
+    /// Share of the scan that lies on the map; of a scan that shows much that is new, of what had been seen before.
+    pub(super) explained_share: f64,
     /// The odometry's belief before the scan.
     pub(super) prior: PoseBelief,
     pub(super) odometry: OdometryVerdict,
@@ -264,7 +276,7 @@ impl Fit {
     /// Whether the optimum may be a wrong one, of which the curvature says nothing: scan and
     /// odometry disagreed altogether, or little of the scan lay on the map.
     pub(super) fn is_doubtful(&self) -> bool {
-        self.odometry == OdometryVerdict::Abandoned || self.result.inlier_share < DOUBTFUL_INLIER_SHARE
+        self.odometry == OdometryVerdict::Abandoned || self.explained_share < DOUBTFUL_INLIER_SHARE
     }
 
     /// Whether the scan lies somewhere else than the odometry has it, and fits badly even there.
@@ -348,5 +360,27 @@ mod tests {
         assert!((0.05..=0.1).contains(&next_m), "{next_m} m");
         let blindly_m: f64 = (0..1000).map(|_| go_on(1.0)).sum();
         assert!(blindly_m < 3.0, "{blindly_m} m");
+    }
+
+    /// The robot knows one wall of a room, and now sees all of it.
+    #[test]
+    fn what_is_new_is_no_reason_for_doubt_where_the_odometry_tells_the_motion() {
+        let (walls, matcher) = (Walls::room(), MatcherConfig::default());
+        let scan = SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 361), &matcher.thinning());
+        let fit = |measured: Option<&Pose2>| {
+            let mut map = LocalMap::new(matcher.cell_m, 20.0);
+            for pose in [Pose2::new(-0.3, -0.3, 0.0), Pose2::new(0.3, -0.2, 0.0), Pose2::new(0.0, -0.1, 0.0)] {
+                let seen = SurfaceScan::new(&walls.scan_from(&pose, 361), &matcher.thinning());
+                let known = Arc::new(seen.filtered(|[_, y]| f64::from(y) + pose.y > 0.5));
+                map.write(&pose, &known, known.view_m(), false);
+            }
+            let mut tracker = Tracker::new(Pose2::IDENTITY, 0.0, map);
+            let prediction = tracker.predict(measured, 1.0, &OdometryModel::default(), &MotionConfig::default());
+            tracker.match_scan(&prediction, &scan, &matcher).unwrap()
+        };
+        let (told, untold) = (fit(Some(&Pose2::new(0.01, 0.0, 0.0))), fit(None));
+        assert!(told.result.inlier_share < DOUBTFUL_INLIER_SHARE, "the test needs something new: {told:?}");
+        assert!(told.explained_share > 0.8 && !told.is_doubtful(), "{told:?}");
+        assert!(untold.is_doubtful(), "{untold:?}");
     }
 }

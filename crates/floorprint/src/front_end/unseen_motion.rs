@@ -36,6 +36,8 @@ const WHEELS_ERR_RAD_PER_M: f64 = 0.05;
 const LEAST_PROVEN: f64 = 0.1;
 /// Wheels that report less than this share of the motion that was last seen may be stuck.
 const STUCK_SHARE: f64 = 0.1;
+/// Who is not reported to move for longer than this stands, seconds: wheels that were stuck for a while are felt to be.
+const LONGEST_STUCK_S: f64 = 30.0;
 /// Slower than this the robot stands, m/s.
 const STANDING_M_S: f64 = 0.05;
 /// A robot of which nothing is known moves like this, m/s and rad/s.
@@ -146,10 +148,10 @@ impl UnseenMotion {
         let dt_s = step.elapsed_s.max(0.0);
         let heading_rad = fit.result.belief.pose.theta - step.matched.theta;
         let [seen_x, seen_y] = self.seen_m_s;
-        let went_on = Vector2::new(seen_x, seen_y) * dt_s;
+        let went_on = Vector2::new(seen_x, seen_y) * dt_s.min(LONGEST_STUCK_S);
         let measured = step.measured.map(|motion| Vector2::new(motion.x, motion.y));
         let is_stuck = measured
-            .is_some_and(|motion| went_on.norm() > STANDING_M_S * dt_s && motion.norm() < STUCK_SHARE * went_on.norm());
+            .is_some_and(|motion| seen_x.hypot(seen_y) > STANDING_M_S && motion.norm() < STUCK_SHARE * went_on.norm());
         if step.is_tested || is_stuck || measured.is_none() || self.blind != Blind::No || scan.len() < LEAST_POINTS {
             let least = if measured.is_some() { LEAST_DISTINCTNESS } else { LEAST_DISTINCTNESS_ALONE };
             self.blind = Blind::of(fit, scan, map, least, matcher);
@@ -211,7 +213,7 @@ impl Blind {
     /// What a scan that was fitted to a map does not show.
     fn of(fit: &Fit, scan: &SurfaceScan, map: &SurfaceMap, least_distinctness: f64, matcher: &MatcherConfig) -> Self {
         let share = fit.result.inlier_share;
-        if scan.len() < LEAST_POINTS || share < LEAST_SHARE {
+        if scan.len() < LEAST_POINTS || fit.explained_share < LEAST_SHARE {
             return Self::Altogether;
         }
         let position = fit.result.scan_information.fixed_view::<2, 2>(0, 0).into_owned().symmetric_eigen();
@@ -287,7 +289,8 @@ mod tests {
                 is_believed: true,
                 is_tested: true,
             };
-            let fit = Fit { result, prior, odometry: OdometryVerdict::Confirmed };
+            let explained_share = result.inlier_share;
+            let fit = Fit { result, explained_share, prior, odometry: OdometryVerdict::Confirmed };
             self.unseen.observe(&step, &fit, &scan, &self.map, &matcher);
         }
     }
@@ -317,6 +320,17 @@ mod tests {
         assert!((1.5..2.5).contains(&stuck.sigma_m), "{stuck:?}");
         let none = drift_over_two_metres(&corridor, start, None);
         assert!(none.sigma_m > 0.8, "{none:?}");
+    }
+
+    /// It drove at 0.5 m/s, and then nothing came for 200 s; since then the wheels report nothing.
+    #[test]
+    fn who_stands_for_long_is_not_stuck_all_the_time() {
+        let corridor = Walls::default().with_box([0.0, 0.0], [60.0, 1.0]);
+        let unseen = UnseenMotion { seen_m_s: [0.5, 0.0], ..UnseenMotion::default() };
+        let mut robot = Robot::new(corridor, &Pose2::IDENTITY, unseen);
+        robot.observe(&Pose2::IDENTITY, 0.0, Some(&Pose2::IDENTITY), 200.0);
+        let drift = robot.unseen.drift();
+        assert!((10.0..20.0).contains(&drift.sigma_m), "{drift:?}");
     }
 
     #[test]

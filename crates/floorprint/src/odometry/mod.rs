@@ -15,6 +15,7 @@ mod finding;
 pub(crate) mod gyro;
 pub(crate) mod gyro_bias;
 mod low_pass;
+mod range_noise;
 pub(crate) mod scan_projection;
 mod scan_queue;
 mod stamp_filter;

@@ -7,6 +7,7 @@
 use super::config::{NoReturn, ScanConfig};
 use super::deskew::SweepMotion;
 use super::finding::Finding;
+use super::range_noise::{RangeBends, RangeNoise};
 use crate::SensorId;
 use crate::frame::{BodyScan, Points};
 use crate::sensors::{LidarConfig, Ray, RobotConfig, Scan, ScanGeometry, StampAt};
@@ -28,12 +29,13 @@ pub(super) struct Projections {
     robot: RobotConfig,
     config: ScanConfig,
     kept: Vec<(SensorId, ScanProjection)>,
+    noises: Vec<(SensorId, RangeNoise)>,
 }
 
 impl Projections {
     /// No tables yet.
     pub(super) fn new(robot: &RobotConfig, config: &ScanConfig) -> Self {
-        Self { robot: robot.clone(), config: config.clone(), kept: Vec::new() }
+        Self { robot: robot.clone(), config: config.clone(), kept: Vec::new(), noises: Vec::new() }
     }
 
     /// The tables for a scan.
@@ -50,6 +52,18 @@ impl Projections {
             self.kept.len() - 1
         });
         &self.kept[index].1
+    }
+
+    /// Learns from a scan how noisy its LiDAR is: the standard deviation of the ranges, metres.
+    pub(super) fn learn_noise_m(&mut self, scan: &Scan) -> f32 {
+        let shown_m = self.of(scan).shown_noise_m(scan);
+        let index = self.noises.iter().position(|(sensor, _)| *sensor == scan.sensor).unwrap_or_else(|| {
+            self.noises.push((scan.sensor, RangeNoise::default()));
+            self.noises.len() - 1
+        });
+        let noise = &mut self.noises[index].1;
+        noise.learn(shown_m);
+        noise.sigma_m()
     }
 
     /// What the user should know of rays that cannot be used.
@@ -79,6 +93,7 @@ pub(crate) struct ScanProjection {
     offset_s: Vec<f32>,
     /// The first and the last of these.
     sweep_s: Option<[f64; 2]>,
+    bends: RangeBends,
 }
 
 impl ScanProjection {
@@ -103,6 +118,7 @@ impl ScanProjection {
             },
             sweep_s: first_s.zip(last_s).map(|(first_s, last_s)| [f64::from(first_s), f64::from(last_s)]),
             offset_s,
+            bends: RangeBends::new(geometry),
         };
         for angle_rad in &geometry.angles_rad {
             let (sin, cos) = angle_rad.sin_cos();
@@ -132,6 +148,13 @@ impl ScanProjection {
         self.sweep_s
     }
 
+    /// The standard deviation that the scan's ranges show, metres; `None` where they do not tell.
+    fn shown_noise_m(&self, scan: &Scan) -> Option<f32> {
+        let is_hit = |range_m: f32, reach_m: f32| range_m > 0.0 && range_m >= self.nearest_m && range_m < reach_m;
+        let reach_m = &self.reach_m;
+        self.bends.noise_m(&scan.ranges_m, |ray| is_hit(scan.ranges_m[ray], reach_m[ray]))
+    }
+
     /// The scan's points in the body's frame at its stamp.
     pub(crate) fn project(&self, scan: &Scan, motion: Option<SweepMotion>) -> BodyScan {
         let nearest_m = self.nearest_m;
@@ -141,7 +164,7 @@ impl ScanProjection {
         } else {
             Points::default()
         };
-        BodyScan { origin_m: self.origin_m.map(f64::from), hits, free_ends }
+        BodyScan { origin_m: self.origin_m.map(f64::from), hits, free_ends, range_noise_m: 0.0 }
     }
 
     /// Where the rays end at these lengths (metres), for rays whose length and reach are wanted.

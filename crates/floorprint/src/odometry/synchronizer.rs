@@ -463,6 +463,7 @@ impl Synchronizer {
 
     /// The scan's points in the body's frame.
     fn project(&mut self, scan: &Scan, motion: Motion) -> BodyScan {
+        let range_noise_m = self.projections.learn_noise_m(scan);
         let projection = self.projections.of(scan);
         let sweep = projection.sweep_s().and_then(|sweep_s| match (motion, self.told_twist) {
             (Motion::Known(known_s), _) => {
@@ -472,7 +473,7 @@ impl Synchronizer {
             (_, Some(twist)) => SweepMotion::new(|offset_s| Pose2::exp(twist.map(|speed| speed * offset_s)), sweep_s),
             _ => None,
         });
-        projection.project(scan, sweep)
+        BodyScan { range_noise_m, ..projection.project(scan, sweep) }
     }
 }
 

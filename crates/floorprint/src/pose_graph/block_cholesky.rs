@@ -15,7 +15,7 @@
 use super::PoseGraphError;
 use super::linear_system::{BlockMatrix, Pattern};
 use feral_amd::{CscPattern, amd_order};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, DMatrixView, Matrix3, Vector3};
 
 /// Fronts take in a column as long as at most this share of their factor are zeros stored
 /// for it: larger dense fronts are faster than many small ones.
@@ -226,6 +226,43 @@ impl SymbolicCholesky {
     }
 }
 
+impl SymbolicCholesky {
+    /// The blocks of the inverse on its diagonal, by unknown: from the last front to the first, each from those entries of the
+    /// inverse that belong to the rows below its columns, which are among its parent's (Takahashi, Fagan & Chen 1973).
+    pub(super) fn inverse_diagonal(&self, factor: &CholeskyFactor) -> Vec<Matrix3<f64>> {
+        let mut inverses: Vec<DMatrix<f64>> = vec![DMatrix::zeros(0, 0); self.fronts.len()];
+        let mut diagonal = vec![Matrix3::zeros(); self.order.len()];
+        for (index, (front, panel)) in self.fronts.iter().zip(&factor.panels).enumerate().rev() {
+            let (height, width) = (3 * front.rows.len(), 3 * front.columns);
+            let panel = DMatrixView::from_slice(panel, height, width);
+            let top = panel.rows(0, width);
+            let identity = DMatrix::identity(width, width);
+            // A pivot is never zero, so that a triangle always has an inverse.
+            let of_top = top.solve_lower_triangular(&identity).unwrap_or(identity);
+            let mut inverse = DMatrix::zeros(height, height);
+            let mut of_columns = of_top.tr_mul(&of_top);
+            if let Some((parent, rows)) = &front.parent {
+                let above = &inverses[*parent];
+                let of_rest = DMatrix::from_fn(height - width, height - width, |row, column| {
+                    above[(3 * rows[row / 3] + row % 3, 3 * rows[column / 3] + column % 3)]
+                });
+                let gain = panel.rows(width, height - width) * &of_top;
+                let crossed = -(&of_rest * &gain);
+                of_columns -= gain.tr_mul(&crossed);
+                inverse.view_mut((0, width), (width, height - width)).copy_from(&crossed.transpose());
+                inverse.view_mut((width, 0), (height - width, width)).copy_from(&crossed);
+                inverse.view_mut((width, width), (height - width, height - width)).copy_from(&of_rest);
+            }
+            for (column, position) in front.rows[..front.columns].iter().enumerate() {
+                diagonal[self.order[*position]] = of_columns.fixed_view::<3, 3>(3 * column, 3 * column).into_owned();
+            }
+            inverse.view_mut((0, 0), (width, width)).copy_from(&of_columns);
+            inverses[index] = inverse;
+        }
+        diagonal
+    }
+}
+
 fn add_block(panel: &mut [f64], height: usize, row: usize, column: usize, block: &Matrix3<f64>) {
     for c in 0..3 {
         for r in 0..3 {
@@ -344,7 +381,6 @@ fn scatter(local: &[f64], rows: &[usize], values: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::DMatrix;
     use proptest::prelude::*;
 
     /// A random positive definite matrix over random pairs.
@@ -391,6 +427,11 @@ mod tests {
             let solution = symbolic.solve(&factor, &right_side);
             for (found, expected) in solution.iter().zip(&truth) {
                 prop_assert!((found - expected).amax() < 1e-9);
+            }
+            let inverse = dense(&pattern, &matrix).try_inverse().unwrap();
+            for (unknown, block) in symbolic.inverse_diagonal(&factor).iter().enumerate() {
+                let expected = inverse.fixed_view::<3, 3>(3 * unknown, 3 * unknown);
+                prop_assert!((block - expected).amax() < 1e-9 * expected.amax(), "{} {}", block, expected);
             }
         }
     }

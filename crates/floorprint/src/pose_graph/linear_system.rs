@@ -56,14 +56,28 @@ impl Structure {
     }
 }
 
-/// The first node of each connected part without a prior.
-fn held_nodes(graph: &PoseGraph) -> Vec<bool> {
-    // Each node points to a smaller one of its part, the smallest to itself.
+impl PoseGraph {
+    /// Whether relative measurements lead from the first node to each.
+    #[must_use]
+    pub fn tied_to_first(&self) -> Vec<bool> {
+        let mut smaller = smaller_nodes(self);
+        (0..smaller.len()).map(|node| smallest(&mut smaller, node) == 0).collect()
+    }
+}
+
+/// For each node a smaller one of its connected part, for the smallest itself.
+fn smaller_nodes(graph: &PoseGraph) -> Vec<usize> {
     let mut smaller: Vec<usize> = (0..graph.poses.len()).collect();
     for factor in &graph.between {
         let (a, b) = (smallest(&mut smaller, factor.from), smallest(&mut smaller, factor.to));
         smaller[a.max(b)] = a.min(b);
     }
+    smaller
+}
+
+/// The first node of each connected part without a prior.
+fn held_nodes(graph: &PoseGraph) -> Vec<bool> {
+    let mut smaller = smaller_nodes(graph);
     let mut held: Vec<_> = smaller.iter().enumerate().map(|(node, smaller)| node == *smaller).collect();
     for prior in &graph.priors {
         held[smallest(&mut smaller, prior.node)] = false;

@@ -39,6 +39,14 @@ impl<'a> Marginals<'a> {
         self.block(&self.columns(node), node)
     }
 
+    /// Covariance of each node's pose in the world, as [`covariance`](Self::covariance) has it, in the time of the factorisation.
+    #[must_use]
+    pub fn covariances(&self) -> Vec<Matrix3<f64>> {
+        let blocks = self.symbolic.inverse_diagonal(&self.factor);
+        let of_node = |unknown: &Option<usize>| unknown.map_or(Matrix3::zeros(), |unknown| blocks[unknown]);
+        self.structure.unknown_of.iter().map(of_node).collect()
+    }
+
     /// Covariance of the pose of `to` seen from `from`: how far a measurement between
     /// the two may be from what the graph says.
     ///
@@ -143,6 +151,11 @@ mod tests {
         let (open, closed) = (Marginals::new(&open).unwrap(), Marginals::new(&closed).unwrap());
         for node in 1..10 {
             assert!(closed.covariance(node).trace() < open.covariance(node).trace());
+        }
+        for marginals in [&open, &closed] {
+            for (node, covariance) in marginals.covariances().iter().enumerate() {
+                assert!((covariance - marginals.covariance(node)).amax() < 1e-12, "{node}: {covariance}");
+            }
         }
     }
 }

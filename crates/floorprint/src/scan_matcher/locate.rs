@@ -42,15 +42,15 @@ pub enum OdometryVerdict {
 }
 
 /// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins. `continued` is where the robot is
-/// if it goes on as in the last step; `seen_before` gives what of the scan the scans of the map had in view if it was taken at
-/// a pose.
+/// if it goes on as in the last step. `seen_before` gives what of the scan the scans of the map had in view if it was taken at
+/// a pose; without it all counts as seen.
 #[must_use]
 pub fn locate(
     map: &SurfaceMap,
     scan: &SurfaceScan,
     prior: &PoseBelief,
     continued: &PoseBelief,
-    seen_before: &dyn Fn(&Pose2) -> SurfaceScan,
+    seen_before: Option<&dyn Fn(&Pose2) -> SurfaceScan>,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
@@ -80,10 +80,9 @@ pub fn locate(
         return (predicted, verdict);
     }
     // Who sees new things has no reason to look for them elsewhere.
-    let (pose, seen) = (predicted.belief.pose, seen_before(&predicted.belief.pose));
-    let most_fits =
-        |share: f64, points: usize| share * points as f64 >= config.search_below_inlier_share * seen.len() as f64;
-    if most_fits(predicted.inlier_share, scan.len()) && most_fits(inlier_share(map, &seen, &pose, config), seen.len()) {
+    if let Some(seen) = seen_before.map(|seen_before| seen_before(&predicted.belief.pose))
+        && share_of_seen(map, scan, &seen, &predicted, config) >= config.search_below_inlier_share
+    {
         return (predicted, verdict);
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
@@ -107,6 +106,19 @@ pub fn locate(
     } else {
         (predicted, verdict)
     }
+}
+
+/// How much of what had been `seen` before lies on `map`: the share of those points, and no more than all points of the
+/// scan that fit make up for.
+pub(crate) fn share_of_seen(
+    map: &SurfaceMap,
+    scan: &SurfaceScan,
+    seen: &SurfaceScan,
+    fit: &MatchResult,
+    config: &MatcherConfig,
+) -> f64 {
+    let of_all = fit.inlier_share * scan.len() as f64 / seen.len().max(1) as f64;
+    inlier_share(map, seen, &fit.belief.pose, config).min(of_all)
 }
 
 /// Fits a `scan` that shows too little to overrule the odometry to `map`.

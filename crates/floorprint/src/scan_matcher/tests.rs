@@ -38,7 +38,7 @@ fn locate(
     continued: &PoseBelief,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
-    super::locate(map, scan, prior, continued, &|_| scan.clone(), config)
+    super::locate(map, scan, prior, continued, None, config)
 }
 
 fn room_map() -> SurfaceMap {
@@ -50,19 +50,25 @@ fn corridor() -> Walls {
     Walls::default().with_box([0.0, 0.0], [200.0, 1.0])
 }
 
+/// A wall along x at a distance, seen by so many rays from an angle to its mirror image, every range noisy.
+fn noisy_wall(distance_m: f64, first_deg: f64, steps: u32, noise_m: f64, random: &mut impl Rng) -> BodyScan {
+    let mut scan = BodyScan::default();
+    for step in 0..=steps {
+        let angle = (first_deg + (180.0 - 2.0 * first_deg) * f64::from(step) / f64::from(steps)).to_radians();
+        let error: f64 = StandardNormal.sample(random);
+        let range_m = distance_m / angle.sin() + noise_m * error;
+        scan.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
+    }
+    scan
+}
+
 /// A wall to the left keeps its direction although every range is noisy.
 #[test]
 fn thinning_does_not_prefer_points_by_their_noise() {
     let mut random = generator(1, Stage::Sensors, 0, 0);
     let (mut slope, mut spread) = (0.0, 0.0);
     for _ in 0..200 {
-        let mut scan = BodyScan::default();
-        for beam in 0..=400 {
-            let angle = (30.0 + 0.3 * f64::from(beam)).to_radians();
-            let noise_m: f64 = StandardNormal.sample(&mut random);
-            let range_m = 1.0 / angle.sin() + 0.01 * noise_m;
-            scan.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
-        }
+        let scan = noisy_wall(1.0, 30.0, 400, 0.01, &mut random);
         for ([x, y], _) in SurfaceScan::new(&scan, &Thinning::default()).iter() {
             slope += f64::from(x * (y - 1.0));
             spread += f64::from(x * x);
@@ -178,7 +184,7 @@ fn who_sees_new_things_does_not_look_for_them_elsewhere() {
     let (astray, _) = locate(&map, &scan, &prior, &prior, &config);
     assert!(astray.belief.pose.theta.abs() > 1.0, "the test needs a temptation: {astray:?}");
     let before = |pose: &Pose2| scan.filtered(|[x, y]| pose.transform_point([f64::from(x), f64::from(y)])[1] < 1.2);
-    let (found, verdict) = super::locate(&map, &scan, &prior, &prior, &before, &config);
+    let (found, verdict) = super::locate(&map, &scan, &prior, &prior, Some(&before), &config);
     assert!(verdict == OdometryVerdict::Confirmed && found.belief.pose.theta.abs() < 0.05, "{found:?}");
 }
 
@@ -186,13 +192,7 @@ fn who_sees_new_things_does_not_look_for_them_elsewhere() {
 #[test]
 fn noise_makes_no_wall_rough_and_turns_no_normals() {
     let mut random = generator(2, Stage::Sensors, 0, 0);
-    let mut scan = BodyScan::default();
-    for beam in 0..=170 {
-        let angle = (60.0 + 0.352 * f64::from(beam)).to_radians();
-        let noise_m: f64 = StandardNormal.sample(&mut random);
-        let range_m = 3.0 / angle.sin() + 0.04 * noise_m;
-        scan.hits.push((range_m * angle.cos()) as f32, (range_m * angle.sin()) as f32);
-    }
+    let scan = BodyScan { range_noise_m: 0.04, ..noisy_wall(3.0, 60.0, 170, 0.04, &mut random) };
     let scan = SurfaceScan::new(&scan, &Thinning::default());
     let along: f32 = scan.iter().map(|(_, [x, _])| x * x).sum::<f32>() / scan.len() as f32;
     let flatness: f32 = scan.iter().map(|(_, [x, y])| x.hypot(y)).sum::<f32>() / scan.len() as f32;

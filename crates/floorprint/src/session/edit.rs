@@ -37,7 +37,7 @@ impl Region {
     fn seen(&self, world_from_body: &Pose2, scan: &BodyScan) -> BodyScan {
         let origin = world_from_body.transform_point(scan.origin_m);
         let starts_inside = self.contains(origin);
-        let mut seen = BodyScan { origin_m: scan.origin_m, ..BodyScan::default() };
+        let mut seen = BodyScan { origin_m: scan.origin_m, range_noise_m: scan.range_noise_m, ..BodyScan::default() };
         if matches!(self, Self::Inside(_)) && !starts_inside {
             return seen;
         }

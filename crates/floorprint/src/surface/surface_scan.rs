@@ -12,13 +12,9 @@ const NEIGHBOURHOOD_M: f32 = 0.12;
 const NEIGHBOURHOOD_SPACINGS: f32 = 2.5;
 
 /// … and so many standard deviations of the ranges, so that noise turns normals by a few degrees at most …
-const NEIGHBOURHOOD_SIGMAS: f32 = 6.0;
+const NEIGHBOURHOOD_SIGMAS: f32 = 11.0;
 /// … up to this, metres.
 const WIDEST_M: f32 = 1.0;
-/// Points that are farther from each other than this do not tell noise from shape, metres.
-const NEXT_M: f32 = 0.5;
-/// Nor do fewer triples than this.
-const LEAST_BENDS: usize = 20;
 
 /// Directions of normals that are told apart when points are balanced.
 const DIRECTIONS: usize = 16;
@@ -233,9 +229,11 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
     let steps = steps(xs, ys);
     let spacing = spacing_for(&steps, thinning);
     let (origin_x, origin_y) = (scan.origin_m[0] as f32, scan.origin_m[1] as f32);
-    let noise_m = noise_of(scan, &steps);
-    let least_reach = NEIGHBOURHOOD_M.max(spacing).max((NEIGHBOURHOOD_SIGMAS * noise_m).min(WIDEST_M));
-    let noise_m2 = f64::from(noise_m * noise_m);
+    // The usual neighbourhood is made for so much noise; only what is beyond it makes a difference.
+    let usual_noise_m = NEIGHBOURHOOD_M / NEIGHBOURHOOD_SIGMAS;
+    let noise_m = scan.range_noise_m.max(usual_noise_m);
+    let least_reach = spacing.max((NEIGHBOURHOOD_SIGMAS * noise_m).min(WIDEST_M));
+    let excess_m2 = f64::from(noise_m * noise_m - usual_noise_m * usual_noise_m);
     let (mut kept, mut free): (Vec<Kept>, Vec<Kept>) = (Vec::with_capacity(count), Vec::new());
     let mut i = 0;
     while i < count {
@@ -272,35 +270,13 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
     }
     let mut result = SurfaceScan::with_capacity(scan.origin_m, kept.len());
     for kept in kept.chunks(LANES) {
-        let normals = sums.normals(kept, scan, noise_m2);
+        let normals = sums.normals(kept, scan, excess_m2);
         for (lane, kept) in kept.iter().enumerate() {
             result.push([xs[kept.point], ys[kept.point]], [normals[0][lane], normals[1][lane]]);
         }
     }
     result
 }
-
-/// Standard deviation of the ranges, metres, as far as it shows: by how much each is off what those before and after it let
-/// expect. On a wall the inverse of the range is a sinusoid over the angle, which hardly bends from ray to ray whatever the
-/// wall's direction; edges and corners are few, so that the median says nothing of them.
-fn noise_of(scan: &BodyScan, steps: &[f32]) -> f32 {
-    let (xs, ys) = (&scan.hits.x_m, &scan.hits.y_m);
-    let [origin_x, origin_y] = scan.origin_m.map(|coordinate| coordinate as f32);
-    let inverses: Vec<f32> = xs.iter().zip(ys).map(|(x, y)| 1.0 / length(x - origin_x, y - origin_y)).collect();
-    let triples = inverses.windows(3).zip(steps[1..].windows(2));
-    let mut bends: Vec<f32> = triples
-        .filter(|(_, steps)| steps[0].max(steps[1]) < NEXT_M)
-        .map(|(inverses, _)| (inverses[0] - 2.0 * inverses[1] + inverses[2]).abs() / (inverses[1] * inverses[1]))
-        .collect();
-    if bends.len() < LEAST_BENDS {
-        return 0.0;
-    }
-    let middle = bends.len() / 2;
-    *bends.select_nth_unstable_by(middle, f32::total_cmp).1 * SIGMAS_PER_MEDIAN_BEND
-}
-
-/// A standard deviation as a share of the median of such second differences of independent numbers: 1 / (0.6745 √6).
-const SIGMAS_PER_MEDIAN_BEND: f32 = 0.605;
 
 /// A point that is kept, and the run of points from which its normal follows.
 #[derive(Clone, Copy)]
@@ -409,7 +385,7 @@ impl RunningSums {
     /// The normals, by coordinate, of the lines through the runs of up to [`LANES`] points, on the side of the scan's origin;
     /// their length is 1 for runs on a line and 0 for runs without direction.
     #[inline(always)]
-    fn normals(&self, kept: &[Kept], scan: &BodyScan, noise_m2: f64) -> [[f32; LANES]; 2] {
+    fn normals(&self, kept: &[Kept], scan: &BodyScan, excess_m2: f64) -> [[f32; LANES]; 2] {
         let (mut sums, mut counts, mut towards) = ([[0.0; LANES]; 5], [1.0; LANES], [[0.0_f32; LANES]; 2]);
         for (lane, kept) in kept.iter().enumerate().take(LANES) {
             let (low, high) = (&self.0[kept.begin], &self.0[kept.end]);
@@ -427,7 +403,7 @@ impl RunningSums {
             // Eigenvalues of the 2 × 2 covariance.
             let half_trace = 0.5 * (xx + yy);
             let root = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-            let (small, large) = (half_trace - root - noise_m2, half_trace + root);
+            let (small, large) = (half_trace - root - excess_m2, half_trace + root);
             let (small, large) = (if small > 0.0 { small } else { 0.0 }, if large > 1e-12 { large } else { 1e-12 });
             let flatness = 1.0 - 4.0 * small / large;
             let flatness = if flatness > 0.0 && root > 0.0 { flatness } else { 0.0 };
