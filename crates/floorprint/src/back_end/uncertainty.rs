@@ -67,6 +67,10 @@ const DRIFT_LASTS: usize = 10;
 /// A measurement that the graph had to bend by more than this, squared standard deviations, is as uncertain as that.
 const BENT: f64 = 9.0;
 
+/// No measurement is stated to know less than this, so that the others are not lost in the rounding beside it.
+const FARTHEST_M: f64 = 1e4;
+const FARTHEST_RAD: f64 = 1e2;
+
 /// What is said of a place to which no way leads, metres and radians: numbers that a file can hold.
 const NOWHERE: f64 = 1e6;
 
@@ -117,6 +121,7 @@ impl Hypothesis {
     fn as_stated(&self, submaps: &[Arc<Submap>]) -> PoseGraph {
         let poses = self.graph.poses();
         let drifts = self.drifts(submaps);
+        let at_least = inverse(&isotropic(FARTHEST_M, FARTHEST_RAD));
         let mut stated = PoseGraph::default();
         poses.iter().for_each(|pose| {
             stated.add_node(*pose);
@@ -135,7 +140,7 @@ impl Hypothesis {
             if is_chain {
                 covariance += drifts[factor.to];
             }
-            let information = inverse(&covariance);
+            let information = inverse(&covariance) + at_least;
             let kernel = RobustKernel::Quadratic;
             // What the graph would not take says nothing.
             let _ = stated.add_between(BetweenFactor { from_from_to, information, kernel, weight: 1.0, ..*factor });
@@ -146,16 +151,21 @@ impl Hypothesis {
     /// The covariance by which each submap's way from the one before may have drifted.
     fn drifts(&self, submaps: &[Arc<Submap>]) -> Vec<Matrix3<f64>> {
         let drift = |submap: &usize| submaps.get(*submap).and_then(|submap| submap.link).map(|link| link.drift);
-        let mut links: Vec<(Drift, bool)> =
-            self.in_play.iter().map(|submap| (drift(submap).unwrap_or_default(), false)).collect();
+        let drifts = self.in_play.iter().map(|submap| drift(submap).unwrap_or_default());
+        covariances_of(&drifts.zip(self.are_tied()).collect::<Vec<_>>())
+    }
+
+    /// Whether each submap in play is tied to what was seen long before or after it by a closure in force.
+    fn are_tied(&self) -> Vec<bool> {
+        let mut are_tied = vec![false; self.in_play.len()];
         for (number, factor) in self.graph.between_factors().iter().enumerate() {
             let is_closure = !matches!(factor.kernel, RobustKernel::GemanMcClure { .. });
             if is_closure && self.is_in_force(number) && factor.from.abs_diff(factor.to) > SAME_STRETCH {
-                links[factor.from].1 = true;
-                links[factor.to].1 = true;
+                are_tied[factor.from] = true;
+                are_tied[factor.to] = true;
             }
         }
-        covariances_of(&links)
+        are_tied
     }
 
     /// The most certain way from a node to each other one, where closures are short cuts (Dijkstra 1959).
@@ -217,12 +227,11 @@ mod tests {
     use super::*;
     use crate::geometry::Pose2;
 
-    /// A robot goes 20 m straight on and back again, and knows its heading to 0.1 rad less after every 10 m.
-    #[test]
-    fn who_comes_back_to_where_he_began_does_not_know_it_any_better() {
+    /// Submaps along a line: where each lies, and how uncertain the way there from the one before is.
+    fn chain(submaps: impl Iterator<Item = (f64, [f64; 2])>) -> Hypothesis {
         let mut hypothesis = Hypothesis::default();
-        for (number, x) in [0.0, 10.0, 20.0, 10.0, 0.0].into_iter().enumerate() {
-            let pose = Pose2::new(x, 0.0, 0.0);
+        for (number, (x_m, [sigma_m, sigma_rad])) in submaps.enumerate() {
+            let pose = Pose2::new(x_m, 0.0, 0.0);
             hypothesis.in_play.push(number);
             let to = hypothesis.graph.add_node(pose);
             let Some(from) = to.checked_sub(1) else { continue };
@@ -230,12 +239,28 @@ mod tests {
                 from,
                 to,
                 from_from_to: hypothesis.graph.poses()[from].between(&pose),
-                information: inverse(&isotropic(1e-4, 0.1)),
+                information: inverse(&isotropic(sigma_m, sigma_rad)),
                 kernel: RobustKernel::GemanMcClure { scale: 3.0 },
                 weight: 1.0,
             };
             hypothesis.graph.add_between(factor).unwrap();
         }
+        hypothesis
+    }
+
+    /// 500 submaps of which each is known to millimetres, but for one of which nothing is.
+    #[test]
+    fn where_nothing_is_known_of_one_step_all_before_it_stays_known() {
+        let sigmas = |number: usize| if number == 250 { [1e6, 1e3] } else { [5e-3, 1e-4] };
+        let stated = chain((0..500).map(|number| (number as f64, sigmas(number)))).uncertainties_in_the_world(&[]);
+        assert!(stated[249].sigma_m < 0.5 && stated[249].sigma_rad < 0.01, "{:?}", stated[249]);
+        assert!(stated[250].is_lost() && stated[499].is_lost(), "{:?} {:?}", stated[250], stated[499]);
+    }
+
+    /// A robot goes 20 m straight on and back again, and knows its heading to 0.1 rad less after every 10 m.
+    #[test]
+    fn who_comes_back_to_where_he_began_does_not_know_it_any_better() {
+        let mut hypothesis = chain([0.0, 10.0, 20.0, 10.0, 0.0].into_iter().map(|x_m| (x_m, [1e-4, 0.1])));
         let stated = hypothesis.uncertainties_in_the_world(&[]);
         // Each error turns all that comes after it: 0.1 rad times 10, 20, 10 and 0 m.
         for (node, expected_m) in [(1, 0.0), (2, 1.0), (3, 1.0), (4, 6.0_f64.sqrt())] {
@@ -269,5 +294,33 @@ mod tests {
         let covariances = covariances_of(&links);
         let sum = |of: std::ops::Range<usize>| covariances[of].iter().sum::<Matrix3<f64>>();
         assert!((sum(0..3) - isotropic(0.4, 0.01)).amax() < 1e-12 && (sum(3..4) - isotropic(0.2, 0.02)).amax() < 1e-12);
+        // Nothing goes the same way for ever: 6 m if it did, 0.8 m if each drift had a sign of its own.
+        let long: Matrix3<f64> = covariances_of(&[link(0.1, 0.0, false); 60]).iter().sum();
+        assert!((2.5..4.0).contains(&long[(0, 0)].sqrt()), "{long}");
+    }
+
+    #[test]
+    fn what_ties_neighbours_does_not_end_a_stretch() {
+        let mut hypothesis = chain((0..10).map(|number| (f64::from(number), [0.1, 0.1])));
+        for (from, to) in [(3, 5), (0, 9)] {
+            let poses = hypothesis.graph.poses();
+            let factor = BetweenFactor {
+                from,
+                to,
+                from_from_to: poses[from].between(&poses[to]),
+                information: inverse(&isotropic(0.05, 0.01)),
+                kernel: RobustKernel::DynamicCovarianceScaling { phi: 6.0 },
+                weight: 1.0,
+            };
+            hypothesis.graph.add_between(factor).unwrap();
+        }
+        let tied: Vec<usize> = hypothesis
+            .are_tied()
+            .iter()
+            .enumerate()
+            .filter(|(_, is_tied)| **is_tied)
+            .map(|(number, _)| number)
+            .collect();
+        assert_eq!(tied, [0, 9]);
     }
 }

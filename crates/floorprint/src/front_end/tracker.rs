@@ -8,7 +8,7 @@ use crate::geometry::covariance::{inverse, isotropic};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::motion_model::MotionConfig;
 use crate::scan_matcher::{
-    MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate, share_of_seen,
+    Location, MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate,
 };
 use crate::surface::SurfaceScan;
 use nalgebra::{Matrix3, Vector3};
@@ -143,12 +143,12 @@ impl Tracker {
         let sparse_points = SPARSE_SHARE * matcher.max_points as f64;
         let is_sparse =
             (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
-        let seen_before = |pose: &Pose2| self.map.had_in_view(pose, scan);
-        // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
-        let tells_motion = *is_measured && !is_gap(*steps);
-        let (result, odometry) = match proven.filter(|_| is_sparse) {
+        let Location { fit: result, odometry, explained_share } = match proven.filter(|_| is_sparse) {
             Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
             None => {
+                let seen_before = |pose: &Pose2| self.map.had_in_view(pose, scan);
+                // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
+                let tells_motion = *is_measured && !is_gap(*steps);
                 let seen_before = tells_motion.then_some(&seen_before as &dyn Fn(&Pose2) -> SurfaceScan);
                 locate(self.map.surfaces(), scan, prior, continued, seen_before, matcher)
             }
@@ -159,14 +159,6 @@ impl Tracker {
         if !is_measured && result.scan_information == Matrix3::zeros() {
             // Nobody goes on for ever.
             self.going = times(&self.going, UNSEEN_GOES_ON);
-        }
-        let mut explained_share = result.inlier_share;
-        if explained_share < DOUBTFUL_INLIER_SHARE && tells_motion && !is_sparse {
-            let seen = seen_before(&result.belief.pose);
-            if seen.len() >= POINTS_TO_SEARCH {
-                let of_seen = share_of_seen(self.map.surfaces(), scan, &seen, &result, matcher);
-                explained_share = explained_share.max(of_seen);
-            }
         }
         Some(Fit { result, explained_share, prior: *prior, odometry })
     }

@@ -159,6 +159,15 @@ mod tests {
     }
 
     #[test]
+    fn a_lidar_that_becomes_noisy_is_found_out() {
+        let mut noise = RangeNoise::default();
+        (0..5 * SCANS).for_each(|_| noise.learn(Some(0.01)));
+        assert_eq!(noise.sigma_m(), 0.01);
+        (0..SCANS).for_each(|_| noise.learn(Some(0.05)));
+        assert_eq!(noise.sigma_m(), 0.05);
+    }
+
+    #[test]
     fn few_rays_and_none_tell_nothing() {
         let few = geometry(12, 3.0);
         assert_eq!(RangeBends::new(&few).noise_m(&[1.0; 12], |_| true), None);

@@ -41,6 +41,24 @@ pub enum OdometryVerdict {
     Abandoned,
 }
 
+/// Where a scan fits a map.
+#[derive(Debug, Clone, Copy)]
+pub struct Location {
+    /// How it fits there.
+    pub fit: MatchResult,
+    /// What it says of the odometry.
+    pub odometry: OdometryVerdict,
+    /// Share of the scan that lies on the map; where it shows much that is new, of what had been seen before, 0 to 1.
+    pub explained_share: f64,
+}
+
+impl Location {
+    /// A fit of which nothing is taken for new.
+    fn new(fit: MatchResult, odometry: OdometryVerdict) -> Self {
+        Self { fit, odometry, explained_share: fit.inlier_share }
+    }
+}
+
 /// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins. `continued` is where the robot is
 /// if it goes on as in the last step. `seen_before` gives what of the scan the scans of the map had in view if it was taken at
 /// a pose; without it all counts as seen.
@@ -52,7 +70,7 @@ pub fn locate(
     continued: &PoseBelief,
     seen_before: Option<&dyn Fn(&Pose2) -> SurfaceScan>,
     config: &MatcherConfig,
-) -> (MatchResult, OdometryVerdict) {
+) -> Location {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
     let agrees = |belief: &PoseBelief, fit: &MatchResult| belief.sigmas_to(&fit.belief.pose) <= trusted_sigmas;
     let mut predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
@@ -76,14 +94,19 @@ pub fn locate(
         }
     }
     let verdict = if agrees(prior, &predicted) { OdometryVerdict::Confirmed } else { OdometryVerdict::Contradicted };
+    let mut location = Location::new(predicted, verdict);
     if !is_poor(&predicted) || scan.len() < POINTS_TO_SEARCH {
-        return (predicted, verdict);
+        return location;
     }
-    // Who sees new things has no reason to look for them elsewhere.
-    if let Some(seen) = seen_before.map(|seen_before| seen_before(&predicted.belief.pose))
-        && share_of_seen(map, scan, &seen, &predicted, config) >= config.search_below_inlier_share
-    {
-        return (predicted, verdict);
+    if let Some(seen) = seen_before.map(|seen_before| seen_before(&predicted.belief.pose)) {
+        let share = share_of_seen(map, scan, &seen, &predicted, config);
+        if seen.len() >= POINTS_TO_SEARCH {
+            location.explained_share = share.max(predicted.inlier_share);
+        }
+        // Who sees new things has no reason to look for them elsewhere.
+        if share >= config.search_below_inlier_share {
+            return location;
+        }
     }
     let near = SearchWindow { distance_m: config.search_distance_m, angle_rad: config.search_angle_rad };
     let wide = SearchWindow { distance_m: 1.6 * config.search_distance_m, angle_rad: FRAC_PI_2 };
@@ -102,15 +125,14 @@ pub fn locate(
     }
     if best.inlier_share > predicted.inlier_share + CLEARLY_BETTER {
         let is_proof = best.inlier_share > LEAST_PROOF;
-        (if is_proof { best } else { unseen(predicted, prior) }, OdometryVerdict::Abandoned)
-    } else {
-        (predicted, verdict)
+        location = Location::new(if is_proof { best } else { unseen(predicted, prior) }, OdometryVerdict::Abandoned);
     }
+    location
 }
 
 /// How much of what had been `seen` before lies on `map`: the share of those points, and no more than all points of the
 /// scan that fit make up for.
-pub(crate) fn share_of_seen(
+fn share_of_seen(
     map: &SurfaceMap,
     scan: &SurfaceScan,
     seen: &SurfaceScan,
@@ -123,16 +145,11 @@ pub(crate) fn share_of_seen(
 
 /// Fits a `scan` that shows too little to overrule the odometry to `map`.
 #[must_use]
-pub(crate) fn follow(
-    map: &SurfaceMap,
-    scan: &SurfaceScan,
-    prior: &PoseBelief,
-    config: &MatcherConfig,
-) -> (MatchResult, OdometryVerdict) {
+pub(crate) fn follow(map: &SurfaceMap, scan: &SurfaceScan, prior: &PoseBelief, config: &MatcherConfig) -> Location {
     let fit = match_few(map, scan, prior, config);
     // What hardly lies on the map shows new things; the few points that fit do so by chance and would lead astray.
     let is_seen = fit.inlier_share >= LOST;
-    (if is_seen { fit } else { unseen(fit, prior) }, OdometryVerdict::Confirmed)
+    Location::new(if is_seen { fit } else { unseen(fit, prior) }, OdometryVerdict::Confirmed)
 }
 
 /// What is known of the pose of a scan that says nothing: what was believed before it was looked at.
