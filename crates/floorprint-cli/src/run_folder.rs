@@ -9,6 +9,7 @@ use floorprint::Config;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
 use floorprint_io::{write_file, write_floor, write_g2o, write_kitti, write_map, write_png, write_trajectory};
+use rayon::prelude::*;
 use std::fs;
 use std::path::Path;
 
@@ -24,18 +25,21 @@ pub(crate) fn write(
     config: &Config,
     stopwatch: &mut Stopwatch,
 ) -> anyhow::Result<()> {
-    write_trajectory(&folder.join("trajectory.tum"), &solution.trajectory)?;
-    write_kitti(&folder.join("trajectory.kitti"), &solution.trajectory)?;
-    write_trajectory(&folder.join("live.tum"), &as_known_then(solution))?;
-    write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?;
+    let files: [&(dyn Fn() -> anyhow::Result<()> + Sync); 9] = [
+        &|| Ok(write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?),
+        &|| Ok(write_png(&folder.join("trajectories.png"), &with_trajectories(map, solution).into_picture())?),
+        &|| Ok(write_file(&folder.join("trajectories.svg"), map_drawing(map, solution)?.as_bytes())?),
+        &|| Ok(write_trajectory(&folder.join("trajectory.tum"), &solution.trajectory)?),
+        &|| Ok(write_trajectory(&folder.join("live.tum"), &as_known_then(solution))?),
+        &|| Ok(write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?),
+        &|| Ok(write_kitti(&folder.join("trajectory.kitti"), &solution.trajectory)?),
+        &|| Ok(write_map(&folder.join("map.yaml"), map)?),
+        &|| Ok(write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?),
+    ];
+    files.par_iter().try_for_each(|write| write())?;
     if let Some(graph) = &solution.graph {
         write_g2o(&folder.join("graph.g2o"), &graph.clone().into())?;
     }
-    write_map(&folder.join("map.yaml"), map)?;
-    write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?;
-    write_png(&folder.join("trajectories.png"), &with_trajectories(map, solution).into_picture())?;
-    write_file(&folder.join("trajectories.svg"), map_drawing(map, solution)?.as_bytes())?;
-    write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?;
     let mut floor_png = None;
     if let Some(floor) = &solution.floor {
         write_floor(&folder.join("texture.png"), &floor.map)?;

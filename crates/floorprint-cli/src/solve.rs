@@ -22,7 +22,7 @@ use floorprint::{Config, Phase, Profiler, Slam, SlamError, StepReport};
 use floorprint_io::{DataSet, ImageIndex, LoadedPair};
 use floorprint_live::{Whereabouts, resume};
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What a drive amounts to.
 pub struct Solution {
@@ -137,8 +137,10 @@ impl Earlier {
     }
 }
 
-/// Frames that are worked on side by side before a look is taken at who watches.
-const AT_ONCE: usize = 128;
+/// Frames that are worked on side by side before a look is taken at who watches: as many as can be made in this time …
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// … and no more than this.
+const AT_ONCE: usize = 2048;
 
 /// Runs the filter over a drive and paints the floor. The records are pushed by their stamps, or `as_they_come`.
 ///
@@ -190,7 +192,13 @@ pub(crate) fn solve(
         let outcomes = if is_side_by_side {
             around.profiler.pause();
             let mut lanes = [Lane::default(), Lane::default(), Lane::default()];
-            let mut frames = pass.by_ref().inspect(|frame| hit_something.push(!frame.scan.hits.is_empty()));
+            let (begun, interrupt) = (Instant::now(), around.interrupt);
+            let goes_on = || begun.elapsed() < LOOK_EVERY && !interrupt.requested();
+            let mut frames = std::iter::from_fn(|| {
+                let frame = (hit_something.is_empty() || goes_on()).then(|| pass.next()).flatten()?;
+                hit_something.push(!frame.scan.hits.is_empty());
+                Some(frame)
+            });
             let outcomes = slam.process_side_by_side(&mut frames, AT_ONCE, lanes.each_mut().map(|lane| lane as _));
             lanes.iter().for_each(|lane| around.profiler.add(lane));
             scan_times.add_all(&lanes);

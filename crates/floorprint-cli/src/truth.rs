@@ -12,7 +12,9 @@ use floorprint::evaluation::{
 use floorprint::map::{Occupancy, Raster};
 use floorprint::sensors::StampedPose;
 use floorprint::texture::RgbdCamera;
-use floorprint_io::{DataSet, ReadError, RecordedTruth, read_floor, read_map, read_relations, read_trajectory};
+use floorprint_io::{
+    DataSet, ReadError, RecordedTruth, lone_recording, read_floor, read_map, read_relations, read_trajectory,
+};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -55,6 +57,9 @@ pub(crate) struct Errors {
 impl TruthFiles {
     /// Looks for the truth beside the data set at `path`.
     pub(crate) fn beside(path: &Path) -> Self {
+        if let Some(recording) = lone_recording(path) {
+            return Self::beside(&recording);
+        }
         let existing = |candidate: PathBuf| candidate.is_file().then_some(candidate);
         if path.is_dir() {
             return Self {

@@ -234,6 +234,11 @@ fn several_drives_are_listed_and_checked_one_by_one() {
     let logs = folder.path().join("logs");
     fs::create_dir(&logs).unwrap();
     fs::write(logs.join("monday.csv"), hall().0).unwrap();
+    // One alone is the drive that is meant, and the truth beside it is found.
+    fs::write(logs.join("monday.truth.tum"), "0.0 0 0 0 0 0 0 1\n").unwrap();
+    let out = folder.path().join("monday");
+    let told = text(&floorprint(&["run", name(&logs), "--out", name(&out)]).stderr);
+    assert!(out.join("report.html").is_file() && told.contains("truth"), "{told}");
     fs::write(logs.join("tuesday.csv"), hall().0).unwrap();
     let told = fine(&floorprint(&["info", name(&logs)]));
     assert!(told.contains("monday.csv") && told.contains("tuesday.csv"), "{told}");

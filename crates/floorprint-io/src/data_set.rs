@@ -201,6 +201,9 @@ fn unpack(path: &Path, options: &OpenOptions) -> Result<Option<Unpacked>, ReadEr
 }
 
 fn open_here(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
+    if let Some(recording) = lone_recording(path) {
+        return open(&recording, options);
+    }
     let source = Source::open(path)?;
     if let (Source::File(_), Some(drive)) = (&source, options.drive) {
         let problem = Problem::new(path, format!("a single file, in which there is no drive {drive}"));
@@ -216,6 +219,16 @@ fn open_here(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
             .into());
     }
     format.read(&source, options)
+}
+
+/// The one recording that a folder holds which is none itself: what opening the folder opens.
+#[must_use]
+pub fn lone_recording(folder: &Path) -> Option<PathBuf> {
+    let source = Source::open(folder).ok().filter(|source| matches!(source, Source::Folder(_)))?;
+    match format::drives(&source).as_slice() {
+        [DriveEntry { path, drive: None, .. }] if path != folder => Some(path.clone()),
+        _ => None,
+    }
 }
 
 /// One of several drives in a folder.

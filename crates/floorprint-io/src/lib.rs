@@ -40,7 +40,7 @@ pub use annotations::{AnnotationError, Annotations, NamedPlace};
 pub use budget::USUAL_EXPANSION;
 pub use data_set::{
     BagContents, DataSet, DriveEntry, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice,
-    TopicSummary, drives, open,
+    TopicSummary, drives, lone_recording, open,
 };
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};

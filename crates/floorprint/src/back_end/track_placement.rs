@@ -1,12 +1,12 @@
 //! Finding a robot that was kidnapped (kidnapped) on what it had seen before.
 //!
 //! What it sees from then on is a drive of its own, whose place is open. Its submaps are looked for on all older ones;
-//! each sighting proposes a place for the whole drive since. It is placed once several submaps agree and no other
-//! place explains nearly as much: until then it is better nowhere than in a wrong place.
+//! each sighting proposes a place for the whole drive since. It is placed once several submaps agree, more than should be
+//! seen there and are not, and no other place explains nearly as much: until then it is better nowhere than in a wrong place.
 
 use super::LoopClosureConfig;
 use super::Verdict;
-use super::evidence::{EVIDENCE_OF_WITNESS, MOST_WITNESSES, fit_evidence};
+use super::evidence::{EVIDENCE_OF_WITNESS, MISS_EVIDENCE, MOST_WITNESSES, fit_evidence};
 use super::hypothesis::{
     AGREEMENT_M, AGREEMENT_RAD, Break, CONFLICT, Constraint, Found, Hypothesis, Kidnapping, Outcome, closure_factor,
 };
@@ -14,7 +14,8 @@ use super::place_match::Comparison;
 use super::submap::Submap;
 use crate::geometry::Pose2;
 use crate::pose_graph::Optimizer;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 /// How much has to speak for a place before the drive is put there: log-likelihood, about what two submaps say that
@@ -39,6 +40,26 @@ const STAYING_RAD: f64 = 0.2;
 const STAYING_QUALITY: f64 = 0.85;
 /// It was not, if after so many submaps nothing speaks for another place.
 const SUBMAPS_UNTIL_STAYING: usize = 4;
+/// A submap should be seen on an older one where their middles would lie so near, in submaps' lengths.
+const PASSED_LENGTHS: f64 = 0.5;
+
+/// A submap that was looked for on a place that it is not connected to.
+struct Look {
+    newer: usize,
+    /// Where its middle lies as yet.
+    middle: Pose2,
+    /// Where the older one's middle lies.
+    older_middle: Pose2,
+}
+
+impl Look {
+    /// Whether it should have been seen there, if a sighting put the drive in its place: it passes there the same way.
+    fn would_show(&self, sighting: &Sighting, config: &LoopClosureConfig) -> bool {
+        let offset = self.older_middle.between(&sighting.shift.compose(&self.middle));
+        offset.distance() < PASSED_LENGTHS * config.submap_length_m && offset.theta.abs() < FRAC_PI_2
+    }
+}
+
 /// A submap seen on a place that it is not connected to.
 struct Sighting {
     newer: usize,
@@ -88,6 +109,15 @@ impl Sighting {
             }
         };
         by_submap.into_values().map(evidence_of).sum()
+    }
+
+    /// How many submaps should have been seen where it puts the drive, and were not.
+    fn misses(&self, looks: &[Look], sightings: &[Self], config: &LoopClosureConfig) -> usize {
+        let expected: BTreeSet<usize> =
+            looks.iter().filter(|look| look.would_show(self, config)).map(|look| look.newer).collect();
+        let agreeing = sightings.iter().filter(|sighting| sighting.agrees_with(self));
+        let seen: BTreeSet<usize> = agreeing.map(|sighting| sighting.newer).collect();
+        expected.difference(&seen).count()
     }
 }
 
@@ -178,12 +208,19 @@ impl Hypothesis {
             return;
         }
         let tied = self.connected_to(newest);
-        let sightings = self.sightings(submaps, newest, comparisons, &tied);
+        let (looks, sightings) = self.looks(submaps, newest, comparisons, &tied);
         let is_certain = self.open_breaks().all(|at| at.interruption.is_certain);
         let least = if is_end && is_certain { LEAST_EVIDENCE_AT_THE_END } else { LEAST_EVIDENCE };
         let evidence = |sighting: &Sighting| {
             let prior = if !is_certain && sighting.is_where_it_was() { PRIOR_OF_STAYING } else { 0.0 };
-            sighting.evidence_for_place(&sightings) + prior
+            let evidence = sighting.evidence_for_place(&sightings) + prior;
+            // Where too little speaks for a place it need not be asked what speaks against it.
+            let misses = if evidence > least {
+                sighting.misses(&looks, &sightings, config)
+            } else {
+                0
+            };
+            evidence - MISS_EVIDENCE * misses as f64
         };
         let mut places: Vec<&Sighting> = Vec::new();
         for sighting in &sightings {
@@ -213,34 +250,38 @@ impl Hypothesis {
         self.breaks.iter().filter(|at| at.outcome == Outcome::Open)
     }
 
-    /// Where the newest submaps were seen on places that they are not connected to.
-    fn sightings(
+    /// Where the newest submaps were looked for, and seen, on places that they are not connected to.
+    fn looks(
         &self,
         submaps: &[Arc<Submap>],
         newest: usize,
         comparisons: &[Comparison],
         tied: &[bool],
-    ) -> Vec<Sighting> {
+    ) -> (Vec<Look>, Vec<Sighting>) {
+        let (mut looks, mut sightings) = (Vec::new(), Vec::new());
         let recent = comparisons.iter().enumerate().rev().take_while(|(_, c)| c.newer + SUBMAPS_ASKED > newest);
-        let open = recent.filter_map(|(number, comparison)| {
-            let [older, newer] = [self.node_of(comparison.older)?, self.node_of(comparison.newer)?];
-            (tied[newer] && !tied[older])
-                .then(|| (number, comparison, [older, newer].map(|node| self.graph.poses()[node])))
-        });
-        open.flat_map(|(number, comparison, [older_pose, pose])| {
+        for (number, comparison) in recent {
+            let (newer, older) = (comparison.newer, comparison.older);
+            let (Some(older_node), Some(node)) = (self.node_of(older), self.node_of(newer)) else { continue };
+            if !tied[node] || tied[older_node] {
+                continue;
+            }
+            let [older_pose, pose] = [older_node, node].map(|node| self.graph.poses()[node]);
+            let middle = pose.compose(&submaps[newer].middle);
+            looks.push(Look { newer, middle, older_middle: older_pose.compose(&submaps[older].middle) });
             let best = comparison.placements[0].quality();
             let fits = comparison.placements.iter().enumerate().filter(|(_, placement)| placement.fits());
-            fits.map(move |(index, placement)| Sighting {
-                newer: comparison.newer,
-                older: comparison.older,
+            sightings.extend(fits.map(|(index, placement)| Sighting {
+                newer,
+                older,
                 shift: older_pose.compose(&placement.older_from_newer).compose(&pose.inverse()),
-                middle: pose.compose(&submaps[comparison.newer].middle),
+                middle,
                 surplus: placement.surplus(),
                 evidence: fit_evidence(placement.surplus(), best - placement.quality()).max(0.0),
                 member: (number, index),
-            })
-        })
-        .collect()
+            }));
+        }
+        (looks, sightings)
     }
 
     /// Puts the drive where a sighting says, with all sightings that agree.

@@ -1,5 +1,6 @@
 //! One hypothesis: where the robot is, how it got there, and what the world then looks like.
 
+use super::agility::Agility;
 use super::genealogy::Trail;
 use super::local_map::LocalMap;
 use super::odometry_model::OdometryModel;
@@ -126,11 +127,14 @@ impl Tracker {
         }
     }
 
-    /// Moves to where the scan fits the map, once there is one.
+    /// Moves to where the scan of a time (seconds) fits the map, once there is one, and a robot can have come that is so
+    /// `agile`.
     pub(super) fn match_scan(
         &mut self,
         prediction: &Prediction,
         scan: &SurfaceScan,
+        stamp_s: f64,
+        agile: &Agility,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
         let Prediction { prior, proven, continued, step, is_measured, steps } = prediction;
@@ -150,7 +154,13 @@ impl Tracker {
                 // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
                 let tells_motion = *is_measured && !is_gap(*steps);
                 let seen_before = tells_motion.then_some(&seen_before as &dyn Fn(&Pose2) -> SurfaceScan);
-                locate(self.map.surfaces(), scan, prior, continued, seen_before, matcher)
+                let is_possible = |pose: &Pose2| {
+                    let fitted = self.trail.last(self.unconfirmed.len());
+                    fitted
+                        .first()
+                        .is_none_or(|fitted| agile.allows(&fitted.pose.between(pose), stamp_s - fitted.stamp_s))
+                };
+                locate(self.map.surfaces(), scan, prior, continued, seen_before, &is_possible, matcher)
             }
         };
         self.last_motion = self.pose.between(&result.belief.pose);

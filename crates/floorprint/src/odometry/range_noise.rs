@@ -44,19 +44,24 @@ impl RangeBends {
             is_hit(ray) && is_hit(ray + 1) && (here - there) * (here - there) + across < NEXT_M * NEXT_M
         };
         let rays = ranges_m.len().min(self.steps_rad.len() + 1);
-        let triples = (0..rays.saturating_sub(2)).filter(|&ray| are_next(ray) && are_next(ray + 1));
-        let mut bends: Vec<f32> = triples
-            .map(|ray| {
-                let [a, b, c] = self.factors[ray];
-                let middle_m = ranges_m[ray + 1];
-                ((a / ranges_m[ray] + b / middle_m + c / ranges_m[ray + 2]) * middle_m * middle_m).abs()
-            })
-            .collect();
+        // As bits, which are in the order of the numbers where none is negative.
+        let mut bends = Vec::with_capacity(rays);
+        let mut are_next_before = false;
+        for ray in 0..rays.saturating_sub(1) {
+            let are_next_here = are_next(ray);
+            if are_next_before && are_next_here {
+                let [a, b, c] = self.factors[ray - 1];
+                let middle_m = ranges_m[ray];
+                let bend_m = (a / ranges_m[ray - 1] + b / middle_m + c / ranges_m[ray + 1]) * middle_m * middle_m;
+                bends.push(bend_m.abs().to_bits());
+            }
+            are_next_before = are_next_here;
+        }
         if bends.len() < LEAST_TRIPLES {
             return None;
         }
         let quarter = bends.len() / 4;
-        Some(*bends.select_nth_unstable_by(quarter, f32::total_cmp).1 * SIGMAS_PER_QUARTILE)
+        Some(f32::from_bits(*bends.select_nth_unstable(quarter).1) * SIGMAS_PER_QUARTILE)
     }
 }
 
@@ -66,27 +71,33 @@ const SIGMAS_PER_QUARTILE: f32 = 3.138;
 /// The noise of one LiDAR.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RangeNoise {
-    /// What the newest scans showed, metres.
+    /// What the newest scans showed, metres …
     shown_m: VecDeque<f32>,
+    /// … and the same in ascending order.
+    ascending_m: Vec<f32>,
 }
 
 impl RangeNoise {
     /// Learns what a scan shows, if anything.
     pub(super) fn learn(&mut self, shown_m: Option<f32>) {
-        if self.shown_m.len() == SCANS && shown_m.is_some() {
-            self.shown_m.pop_front();
+        let Some(shown_m) = shown_m else { return };
+        if self.shown_m.len() == SCANS
+            && let Some(oldest_m) = self.shown_m.pop_front()
+        {
+            self.ascending_m.remove(self.rank(oldest_m));
         }
-        self.shown_m.extend(shown_m);
+        self.ascending_m.insert(self.rank(shown_m), shown_m);
+        self.shown_m.push_back(shown_m);
+    }
+
+    /// How many of the newest scans showed less.
+    fn rank(&self, shown_m: f32) -> usize {
+        self.ascending_m.partition_point(|other_m| other_m.total_cmp(&shown_m).is_lt())
     }
 
     /// The standard deviation of the ranges, metres: what the smoothest quarter of the scans stays below; 0 before some told.
     pub(super) fn sigma_m(&self) -> f32 {
-        if self.shown_m.len() < LEAST_SCANS {
-            return 0.0;
-        }
-        let mut shown_m: Vec<f32> = self.shown_m.iter().copied().collect();
-        let quarter = shown_m.len() / 4;
-        *shown_m.select_nth_unstable_by(quarter, f32::total_cmp).1
+        if self.ascending_m.len() < LEAST_SCANS { 0.0 } else { self.ascending_m[self.ascending_m.len() / 4] }
     }
 }
 

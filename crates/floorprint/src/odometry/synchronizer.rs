@@ -371,7 +371,10 @@ impl Synchronizer {
         self.sources.first_stated_s.get_or_insert(stamped.stamp_s);
         match self.sources.stated.last() {
             Some(last) if last == stamped => self.summary.dropped.readings_repeated += 1,
-            Some(last) if stamped.stamp_s < last.stamp_s => self.summary.dropped.readings_too_late += 1,
+            Some(last) if stamped.stamp_s < last.stamp_s => {
+                // Scans that carry their poses need none of those stated between them.
+                self.summary.dropped.readings_too_late += usize::from(self.sources.first_carried_s.is_none());
+            }
             _ => self.sources.stated.push(stamped),
         }
     }

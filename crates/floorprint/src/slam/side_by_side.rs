@@ -10,8 +10,10 @@ use crate::profiler::{Phase, Profiler};
 use std::sync::mpsc::sync_channel;
 use std::thread;
 
-/// Frames that may wait between one and the next.
-const QUEUE: usize = 32;
+/// Frames that are handed on together: waking a thread that waits takes about as long as tracking a frame …
+const BATCH: usize = 16;
+/// … and how many batches may wait between one thread and the next.
+const QUEUE: usize = 4;
 
 impl Slam {
     /// Takes in up to `most` of the frames, which are made, tracked and mapped on three threads. `profilers` are told
@@ -28,17 +30,24 @@ impl Slam {
         let [making, tracking, mapping] = profilers;
         let thinning = front_end.thinning();
         let (first, keeps_points) = (*settled, back_end.is_some());
-        let (made, to_track) = sync_channel::<(Frame, Option<PreparedScan>)>(QUEUE);
-        let (tracked, to_map) = sync_channel::<Result<Tracked, SlamError>>(QUEUE);
+        let (made, to_track) = sync_channel::<Vec<(Frame, Option<PreparedScan>)>>(QUEUE);
+        let (tracked, to_map) = sync_channel::<Vec<Result<Tracked, SlamError>>>(QUEUE);
         let (back_end, newly_settled) = (back_end.as_mut(), &mut *settled);
         let reports = thread::scope(|scope| {
             scope.spawn(move || {
-                for _ in 0..most {
+                let mut make = || {
                     making.enter(Phase::Synchronise);
-                    let Some(frame) = frames.next() else { break };
+                    let frame = frames.next()?;
                     let prepared = thinning.as_ref().map(|thinning| PreparedScan::of(&frame.scan, thinning));
                     making.end_of_frame();
-                    if made.send((frame, prepared)).is_err() {
+                    Some((frame, prepared))
+                };
+                let mut left = most;
+                while left > 0 {
+                    let batch: Vec<_> = (0..left.min(BATCH)).map_while(|_| make()).collect();
+                    left -= batch.len();
+                    let is_last = batch.len() < BATCH;
+                    if made.send(batch).is_err() || is_last {
                         break;
                     }
                 }
@@ -46,7 +55,7 @@ impl Slam {
             let mapper = scope.spawn(move || {
                 let (mut back_end, settled) = (back_end, newly_settled);
                 let mut reports = Vec::with_capacity(most);
-                for tracked in to_map {
+                for tracked in to_map.into_iter().flatten() {
                     mapping.enter(Phase::LoopClosure);
                     let report = tracked.map(|mut tracked| {
                         let poses = std::mem::take(&mut tracked.poses);
@@ -58,17 +67,20 @@ impl Slam {
                 }
                 reports
             });
-            for (frame, prepared) in to_track {
-                let outcome = check(&frame).map(|()| {
-                    let step = front_end.process(&frame, prepared, tracking);
-                    let mut tracked = Tracked::of(&frame, step, front_end, keeps_points);
-                    if tracked.key_scan.is_some() {
-                        tracked.poses = front_end.poses_since(first);
-                    }
-                    tracked
-                });
-                tracking.end_of_frame();
-                if tracked.send(outcome).is_err() {
+            for batch in to_track {
+                let track = |(frame, prepared): (Frame, Option<PreparedScan>)| {
+                    let outcome = check(&frame).map(|()| {
+                        let step = front_end.process(&frame, prepared, tracking);
+                        let mut tracked = Tracked::of(&frame, step, front_end, keeps_points);
+                        if tracked.key_scan.is_some() {
+                            tracked.poses = front_end.poses_since(first);
+                        }
+                        tracked
+                    });
+                    tracking.end_of_frame();
+                    outcome
+                };
+                if tracked.send(batch.into_iter().map(track).collect()).is_err() {
                     break;
                 }
             }

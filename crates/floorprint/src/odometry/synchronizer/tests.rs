@@ -191,6 +191,20 @@ fn what_comes_twice_counts_once() {
 }
 
 #[test]
+fn poses_that_come_late_are_no_loss_where_scans_carry_their_own() {
+    let late = |carries: bool| {
+        let carried = |x| carries.then(|| Pose2::new(x, 0.0, 0.0));
+        let records = [0.0, 0.2, 0.4, 0.6].into_iter().flat_map(|stamp_s| {
+            [scan_of(0, stamp_s, carried(stamp_s)), pose(stamp_s + 0.1, stamp_s), pose(stamp_s, 9.0)]
+        });
+        synchronised(records, &config())
+    };
+    let ((frames, summary), (_, without)) = (late(true), late(false));
+    assert_eq!((summary.dropped.total(), without.dropped.readings_too_late), (0, 4));
+    assert!(frames.iter().skip(1).all(|frame| (frame.motion.unwrap().x - 0.2).abs() < 1e-9));
+}
+
+#[test]
 fn stamps_that_run_backwards_keep_the_log_s_order_and_wait_for_nothing() {
     let at = |x| Some(Pose2::new(x, 0.0, 0.0));
     let mut config = config();
