@@ -2,16 +2,19 @@
 //!
 //! The targets run these with libFuzzer; the tests of `floorprint-io` run them with the corpus.
 
-use floorprint::config::Preset;
+use floorprint::config::{Layer, Preset};
 use floorprint::geometry::Pose2;
-use floorprint::sensors::{Record, Scan, ScanGeometry};
+use floorprint::sensors::{Record, RobotConfig, Scan, ScanGeometry};
 use floorprint::texture::ImagePair;
 use floorprint::{Config, Frames, SensorId, Slam};
-use floorprint_io::{OpenOptions, open, read_floor, read_g2o, read_map, read_png, read_relations, read_trajectory};
+use floorprint_io::{
+    DataSet, OpenOptions, open, read_floor, read_g2o, read_map, read_png, read_relations, read_trajectory,
+};
 use floorprint_io::{write_g2o, write_trajectory};
+use std::cell::RefCell;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 /// A target: its name, which is that of its folder in the corpus, and what it does.
 pub type Target = (&'static str, fn(&[u8]));
@@ -33,39 +36,71 @@ pub const TARGETS: [Target; 13] = [
     ("slam", slam),
 ];
 
-/// A folder of this thread's own, in memory where the system has one there.
-fn folder() -> PathBuf {
-    let memory = Path::new("/dev/shm");
-    let place = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
-    let thread = format!("{:?}", std::thread::current().id());
-    let number: String = thread.chars().filter(char::is_ascii_digit).collect();
-    let folder = place.join(format!("floorprint-fuzz-{}-{number}", std::process::id()));
-    let _ = fs::create_dir(&folder);
-    folder
+/// A folder in memory where the system has one there, removed with its thread.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Self {
+        let memory = Path::new("/dev/shm");
+        let place = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
+        let thread = format!("{:?}", std::thread::current().id());
+        let number: String = thread.chars().filter(char::is_ascii_digit).collect();
+        let folder = place.join(format!("floorprint-fuzz-{}-{number}", std::process::id()));
+        fs::create_dir_all(&folder).expect("a scratch folder");
+        Self(folder)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+thread_local! {
+    static FOLDER: Folder = Folder::new();
+    /// The last robot that was seen and its configuration: to resolve one takes longer than to read a short file.
+    static RESOLVED: RefCell<Option<(RobotConfig, Option<Config>)>> = const { RefCell::new(None) };
 }
 
 /// Puts files into a folder of their own, looks at them, and removes them.
 fn with_files(files: &[(&str, &[u8])], look: impl FnOnce(&Path)) {
-    let folder = folder();
-    for (name, bytes) in files {
-        fs::write(folder.join(name), bytes).expect("a file in the scratch folder");
-    }
-    look(&folder);
-    let _ = fs::remove_dir_all(&folder);
+    FOLDER.with(|Folder(folder)| {
+        for (name, bytes) in files {
+            fs::write(folder.join(name), bytes).expect("a file in the scratch folder");
+        }
+        look(folder);
+        for (name, _) in files {
+            let _ = fs::remove_file(folder.join(name));
+        }
+    });
+}
+
+/// The configuration for a robot, where there is one.
+fn config_for(robot: &RobotConfig) -> Option<Config> {
+    RESOLVED.with_borrow_mut(|resolved| match resolved {
+        Some((known, config)) if known == robot => config.clone(),
+        _ => {
+            let config = Config::resolve(&[Layer::from_robot(robot)]).ok();
+            resolved.insert((robot.clone(), config)).1.clone()
+        }
+    })
 }
 
 /// Opens a file as a data set, and makes frames of what is in it.
 fn open_file(name: &str, bytes: &[u8]) {
-    with_files(&[(name, bytes)], |folder| opened(&folder.join(name)));
+    with_files(&[(name, bytes)], |folder| drop(opened(&folder.join(name))));
 }
 
-fn opened(path: &Path) {
-    let Ok(data_set) = open(path, &OpenOptions::default()) else { return };
+fn opened(path: &Path) -> Option<DataSet> {
+    let data_set = open(path, &OpenOptions::default()).ok()?;
     assert!(data_set.scans().all(|scan| scan.geometry.len() == scan.ranges_m.len()));
-    let Ok(config) = Config::resolve(&[floorprint::config::Layer::from_robot(&data_set.robot)]) else { return };
-    if let Ok(frames) = Frames::new(&data_set.records, &config) {
+    if let Some(config) = config_for(&data_set.robot)
+        && let Ok(frames) = Frames::new(&data_set.records, &config)
+    {
         assert!(frames.iter().take(100).all(|frame| frame.motion.is_none_or(|motion| motion.is_finite())));
     }
+    Some(data_set)
 }
 
 /// A CARMEN log, plain or gzipped.
@@ -83,7 +118,7 @@ pub fn encoder_log(bytes: &[u8]) {
 pub fn ece276a(bytes: &[u8]) {
     let names = ["Encoders1.npz", "Hokuyo1.npz", "Imu1.npz", "Kinect1.npz"];
     for name in names {
-        with_files(&[(name, bytes)], opened);
+        with_files(&[(name, bytes)], |folder| drop(opened(folder)));
     }
 }
 
@@ -95,9 +130,7 @@ pub fn text(bytes: &[u8]) {
 /// A recording of ROS in any container, with its images.
 pub fn recording(bytes: &[u8]) {
     with_files(&[("drive.bag", bytes)], |folder| {
-        opened(&folder.join("drive.bag"));
-        let data_set = open(&folder.join("drive.bag"), &OpenOptions::default());
-        let Ok(Some(images)) = data_set.map(|data_set| data_set.images) else { return };
+        let Some(images) = opened(&folder.join("drive.bag")).and_then(|data_set| data_set.images) else { return };
         let count = images.depth.len().min(images.color.len()).min(4);
         let pairs: Vec<ImagePair> = (0..count).map(|number| ImagePair { depth: number, color: number }).collect();
         let loaded = images.for_each_pair(&pairs, &|| false, &|pair| {
@@ -162,27 +195,32 @@ pub fn floor(bytes: &[u8]) {
 /// Rays of a scan of the `slam` target.
 const RAYS: usize = 24;
 
+/// A configuration for each preset, with small submaps and few particles, so that little data do much.
+static CONFIGS: LazyLock<Vec<Config>> = LazyLock::new(|| {
+    let settings = ["filter.particles=3", "matcher.search_below_inlier_share=0.5", "loop_closure.submap_length_m=0.5"];
+    let layers = |preset: Preset| -> Result<Vec<Layer>, _> {
+        std::iter::once(Ok(preset.layer())).chain(settings.map(Layer::from_setting)).collect()
+    };
+    let config = |preset| layers(preset).and_then(|layers| Config::resolve(&layers));
+    Preset::ALL.iter().map(|&preset| config(preset).expect("settings within their bounds")).collect()
+});
+
 /// A drive: a byte for the preset, then for each scan a motion of three bytes and a byte for each ray.
 pub fn slam(bytes: &[u8]) {
     let Some((&first, rest)) = bytes.split_first() else { return };
-    let preset = Preset::ALL[usize::from(first) % Preset::ALL.len()];
-    let settings = ["filter.particles=3", "matcher.search_below_inlier_share=0.5", "loop_closure.submap_length_m=0.5"];
-    let layers: Result<Vec<_>, _> = std::iter::once(Ok(preset.layer()))
-        .chain(settings.iter().map(|setting| floorprint::config::Layer::from_setting(setting)))
-        .collect();
-    let config = layers.and_then(|layers| Config::resolve(&layers)).expect("settings within their bounds");
+    let config = &CONFIGS[usize::from(first) % CONFIGS.len()];
     let step_rad = 6.0 / RAYS as f64;
     let geometry = Arc::new(ScanGeometry {
         angles_rad: (0..RAYS).map(|ray| -3.0 + ray as f64 * step_rad).collect(),
         time_offsets_s: vec![0.0; RAYS],
         range_min_m: 0.1,
-        range_max_m: 25.0,
+        range_max_m: 7.5,
         below_minimum_is_no_return: false,
     });
     let mut pose = Pose2::IDENTITY;
     let records: Vec<Record> = rest
         .chunks_exact(3 + RAYS)
-        .take(60)
+        .take(30)
         .enumerate()
         .map(|(index, scan)| {
             // An odd first byte leaps; else the robot moves by centimetres.
@@ -192,14 +230,14 @@ pub fn slam(bytes: &[u8]) {
             Record::Scan(Scan {
                 sensor: SensorId::default(),
                 stamp_s: index as f64 * 0.2,
-                ranges_m: scan[3..].iter().map(|&byte| f32::from(byte) * 0.1).collect(),
+                ranges_m: scan[3..].iter().map(|&byte| f32::from(byte) * 0.03).collect(),
                 geometry: Arc::clone(&geometry),
                 odometry: Some(pose),
             })
         })
         .collect();
-    let Ok(frames) = Frames::new(&records, &config) else { return };
-    let mut slam = Slam::new(&config);
+    let Ok(frames) = Frames::new(&records, config) else { return };
+    let mut slam = Slam::new(config);
     let mut taken = 0;
     for frame in frames.iter() {
         if let Ok(step) = slam.process(&frame) {

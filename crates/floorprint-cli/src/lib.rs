@@ -165,3 +165,54 @@ fn taking_negative_numbers(command: clap::Command) -> clap::Command {
         .mut_args(|option| if takes_values(&option) { option.allow_negative_numbers(true) } else { option })
         .mut_subcommands(taking_negative_numbers)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::path::{Path, PathBuf};
+
+    /// The words of a line of a shell, up to its comment; quotes hold words together.
+    fn words(line: &str) -> Vec<String> {
+        let (mut words, mut is_quoted) = (vec![String::new()], false);
+        for character in line.chars() {
+            match character {
+                '"' => is_quoted = !is_quoted,
+                ' ' if !is_quoted => words.push(String::new()),
+                _ => words.last_mut().unwrap().push(character),
+            }
+        }
+        words.retain(|word| !word.is_empty());
+        words.into_iter().take_while(|word| !word.starts_with('#')).collect()
+    }
+
+    /// The calls of `floorprint` in a document's blocks of code, each as its words.
+    fn calls(document: &str) -> Vec<Vec<String>> {
+        let blocks = document.split("```").skip(1).step_by(2).map(|block| block.replace("\\\n", " "));
+        let lines: Vec<Vec<String>> = blocks.flat_map(|block| block.lines().map(words).collect::<Vec<_>>()).collect();
+        let calls = lines.iter().flat_map(|words| words.split(|word| word == "|" || word == "&&"));
+        calls.filter(|call| call.first().is_some_and(|first| first == "floorprint")).map(<[String]>::to_vec).collect()
+    }
+
+    #[test]
+    fn every_call_in_the_documents_is_understood() {
+        let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let folders = [repository.clone(), repository.join("docs"), repository.join("crates/floorprint-python")];
+        let entries = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap());
+        let documents = entries.map(|entry| entry.unwrap().path());
+        let documents: Vec<PathBuf> =
+            documents.filter(|path| path.extension().is_some_and(|end| end == "md")).collect();
+        let mut count = 0;
+        for path in &documents {
+            for call in calls(&fs::read_to_string(path).unwrap()) {
+                let matches = taking_negative_numbers(Arguments::command()).try_get_matches_from(&call);
+                let understood = matches.and_then(|matches| Arguments::from_arg_matches(&matches));
+                if let Err(error) = understood {
+                    panic!("{}: {}: {error}", path.display(), call.join(" "));
+                }
+                count += 1;
+            }
+        }
+        assert!(count > 50, "{count} calls in {documents:?}");
+    }
+}

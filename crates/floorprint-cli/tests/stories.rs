@@ -131,7 +131,7 @@ fn a_drive_becomes_a_folder_with_everything_in_it() {
 #[test]
 fn the_results_are_the_same_bytes_for_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
-    for preset in ["default", "seed"] {
+    for preset in ["default", "fast", "accurate", "seed", "gmapping"] {
         let runs: Vec<_> = ["1", "2", "8"]
             .map(|threads| {
                 let out = folder.path().join(format!("{preset}-{threads}"));
@@ -817,6 +817,9 @@ fn a_drive_calibrates_its_robot_and_the_next_run_takes_it() {
     assert!((gyro["found"].as_f64().unwrap() - 1.0).abs() < 0.02, "{gyro}");
     let standing = folder.path().join("standing.log");
     fs::write(&standing, standing_log("2.5")).unwrap();
+    let message = failure(&["calibrate", standing.to_str().unwrap()], 1);
+    assert!(message.contains("none that ever moves") && message.contains("drive for a few minutes"), "{message}");
+    fs::write(&standing, standing_log("2.5") + &flaser("2.5", "0.001 0 0", "2.0")).unwrap();
     let message = failure(&["calibrate", standing.to_str().unwrap()], 1);
     assert!(message.contains("stretches of driving") && message.contains("drive for a few minutes"), "{message}");
 }

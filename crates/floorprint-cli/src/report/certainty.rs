@@ -18,7 +18,7 @@ pub(crate) struct Certainty {
     pub(crate) largest_at_s: f64,
     /// That of the last position, metres.
     pub(crate) at_end_m: f64,
-    /// Half the largest interval of a heading, degrees.
+    /// Half the largest interval of a heading, degrees; at 180 nothing is known of it.
     pub(crate) largest_deg: f64,
 }
 
@@ -36,7 +36,7 @@ impl Certainty {
             largest_m: CIRCLE_95 * largest.sigma_m,
             largest_at_s: at.stamp_s - first.stamp_s,
             at_end_m: CIRCLE_95 * last.sigma_m,
-            largest_deg: INTERVAL_95 * largest_rad.to_degrees(),
+            largest_deg: (INTERVAL_95 * largest_rad.to_degrees()).min(180.0),
         })
     }
 
@@ -63,5 +63,8 @@ mod tests {
         let certainty = Certainty::of(&uncertainties, &trajectory).map(|certainty| certainty.in_words());
         assert_eq!(certainty.as_deref(), Some("by up to 2.45 m, after 2 s, and 11.2°; by 0.61 m in the end (95 %)"));
         assert_eq!(Certainty::of(&[], &trajectory), None);
+        // No heading is off by more than half a turn.
+        let unknown = Certainty::of(&[Uncertainty { sigma_m: 1.0, sigma_rad: 3.0 }], &trajectory);
+        assert_eq!(unknown.map(|certainty| certainty.largest_deg), Some(180.0));
     }
 }

@@ -42,7 +42,9 @@ pub enum CalibrationError {
     #[error(transparent)]
     Slam(#[from] SlamError),
     /// There is nothing beside the LiDAR.
-    #[error("there is no odometry beside the LiDAR, and so nothing to compare it with")]
+    #[error(
+        "there is no odometry beside the LiDAR, or none that ever moves, and so nothing to compare it with; drive for a few minutes where walls are in view"
+    )]
     NoOdometry,
     /// The robot hardly moved where the scans fit.
     #[error(

@@ -45,7 +45,8 @@ impl Default for OdometryConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OdometrySource {
-    /// The best that the data hold: the log's own poses, else wheels and gyro, else wheels, else scan matching.
+    /// The best that the data hold: the log's own poses, if they ever move, else wheels and gyro, else wheels, else scan
+    /// matching.
     #[default]
     Auto,
     /// Distance and yaw from the wheels.

@@ -10,6 +10,8 @@ use std::fmt;
 pub enum Finding {
     /// Nothing measured the motion.
     NoOdometry,
+    /// The stated odometry is the same all the time.
+    StandingOdometry,
     /// There is no gyro.
     NoImu,
     /// The gyro was silent while the wheels turned.
@@ -87,6 +89,7 @@ impl fmt::Display for Finding {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::NoOdometry => write!(formatter, "no odometry: the motion is predicted from scan matching alone"),
+            Self::StandingOdometry => write!(formatter, "the stated odometry never moves: it is not used"),
             Self::NoImu => write!(formatter, "no IMU: yaw from the wheels"),
             Self::ImuSilent { for_s } => {
                 write!(formatter, "the IMU is silent for {for_s:.2} s of motion: yaw from the wheels there")

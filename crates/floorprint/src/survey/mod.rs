@@ -64,6 +64,9 @@ impl Survey {
             },
             findings: silence::silences(readings),
         };
+        if source != OdometrySource::Log && readings.has_poses_that_stand() {
+            survey.findings.push(Finding::StandingOdometry);
+        }
         if config.odometry.learn_lag {
             survey.look_at_clocks(records, readings, config);
         }

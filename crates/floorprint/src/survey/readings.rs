@@ -3,7 +3,7 @@
 use super::lag::Turns;
 use crate::SensorId;
 use crate::config::Config;
-use crate::geometry::wrap_angle;
+use crate::geometry::{Pose2, wrap_angle};
 use crate::odometry::gyro::YawRate;
 use crate::odometry::{LEAP_S, OdometryError, OdometrySource, confirms, is_complete};
 use crate::sensors::{EncoderReading, Record, Records, Stream};
@@ -20,10 +20,25 @@ pub(crate) struct Readings {
     carried: Vec<(f64, f64)>,
     /// Whether any scan carries a pose.
     is_carried: bool,
+    stated_motion: Motion,
+    carried_motion: Motion,
     /// Scans that can become frames.
     pub(crate) usable_scans: usize,
     /// Sensor and stamp of every record.
     stamps_s: Vec<(Sensor, f64)>,
+}
+
+/// Whether poses differ from each other.
+#[derive(Debug, Default)]
+struct Motion {
+    first: Option<Pose2>,
+    is_there: bool,
+}
+
+impl Motion {
+    fn add(&mut self, pose: Pose2) {
+        self.is_there |= *self.first.get_or_insert(pose) != pose;
+    }
 }
 
 /// One sensor.
@@ -47,6 +62,7 @@ impl Readings {
             Record::Scan(scan) => {
                 let pose = scan.odometry.filter(|pose| finite && pose.is_finite());
                 self.is_carried |= pose.is_some();
+                pose.into_iter().for_each(|pose| self.carried_motion.add(pose));
                 if scan.sensor == SensorId::default() {
                     self.carried.extend(pose.map(|pose| (stamp_s, pose.theta)));
                 }
@@ -66,6 +82,7 @@ impl Readings {
             Record::Odometry(stamped) => {
                 if finite && stamped.pose.is_finite() {
                     self.stated.push((stamp_s, stamped.pose.theta));
+                    self.stated_motion.add(stamped.pose);
                 }
             }
         }
@@ -138,14 +155,22 @@ impl Readings {
         times.into_iter().map(|(position, _)| position).collect()
     }
 
+    /// Whether poses are stated, but always the same: logs without odometry have zeros in its place.
+    pub(super) fn has_poses_that_stand(&self) -> bool {
+        self.has_poses() && !self.stated_motion.is_there && !self.carried_motion.is_there
+    }
+
+    fn has_poses(&self) -> bool {
+        self.is_carried || !self.stated.is_empty()
+    }
+
     /// The source that the configuration asks for, or with `Auto` the best that is there.
     pub(super) fn choose_source(&self, config: &Config) -> Result<OdometrySource, OdometryError> {
         let needs = |wanted, missing, there: bool| {
             if there { Ok(()) } else { Err(OdometryError::SourceMissing { wanted, missing }) }
         };
-        let has_poses = self.is_carried || !self.stated.is_empty();
         let source = match config.odometry.source {
-            OdometrySource::Auto if has_poses => OdometrySource::Log,
+            OdometrySource::Auto if self.has_poses() && !self.has_poses_that_stand() => OdometrySource::Log,
             OdometrySource::Auto if self.encoders.is_empty() => OdometrySource::ScanMatching,
             OdometrySource::Auto if self.yaw_rates.is_empty() => OdometrySource::Wheels,
             OdometrySource::Auto => OdometrySource::WheelsAndGyro,
@@ -157,9 +182,42 @@ impl Readings {
                 needs("wheels_and_gyro", "encoder readings", !self.encoders.is_empty())?;
                 needs("wheels_and_gyro", "IMU readings", !self.yaw_rates.is_empty())?;
             }
-            OdometrySource::Log => needs("log", "odometry poses", has_poses)?,
+            OdometrySource::Log => needs("log", "odometry poses", self.has_poses())?,
             OdometrySource::Auto | OdometrySource::ScanMatching => {}
         }
         Ok(source)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensors::{Scan, ScanGeometry};
+    use std::sync::Arc;
+
+    #[test]
+    fn poses_that_never_move_are_no_odometry() {
+        let geometry = Arc::new(ScanGeometry {
+            angles_rad: vec![0.0],
+            time_offsets_s: vec![0.0],
+            range_min_m: 0.1,
+            range_max_m: 30.0,
+            below_minimum_is_no_return: false,
+        });
+        let scan = |stamp_s: f64, pose: Pose2| {
+            let (sensor, geometry) = (SensorId::default(), Arc::clone(&geometry));
+            Record::Scan(Scan { sensor, stamp_s, ranges_m: vec![1.0], geometry, odometry: Some(pose) })
+        };
+        let chosen = |last: Pose2, config: &Config| {
+            let zero = Pose2::IDENTITY;
+            let records = [scan(0.0, zero), scan(1.0, zero), scan(2.0, last)];
+            Readings::of(&records[..]).choose_source(config).unwrap()
+        };
+        let mut config = Config::default();
+        assert_eq!(chosen(Pose2::IDENTITY, &config), OdometrySource::ScanMatching);
+        assert_eq!(chosen(Pose2::new(0.0, 0.0, 0.001), &config), OdometrySource::Log);
+        // Who asks for it gets it.
+        config.odometry.source = OdometrySource::Log;
+        assert_eq!(chosen(Pose2::IDENTITY, &config), OdometrySource::Log);
     }
 }

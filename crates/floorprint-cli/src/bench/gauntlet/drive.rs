@@ -13,7 +13,7 @@ use clap::Args;
 use floorprint::Frames;
 use floorprint::evaluation::PoseError;
 use floorprint::geometry::Pose2;
-use floorprint::sensors::StampedPose;
+use floorprint::sensors::{Record, StampedPose};
 use floorprint::simulator::{Fault, Scenario, SimulatedDrive};
 use floorprint::{Config, Slam, SlamResult};
 use floorprint_io::{write_file, write_map, write_png, write_trajectory};
@@ -93,23 +93,69 @@ pub(super) struct Answer {
 }
 
 /// A drive that was solved.
-struct Solved {
+pub(super) struct Solved {
     scenario: Scenario,
     drive: SimulatedDrive,
     result: SlamResult,
     odometry: Vec<StampedPose>,
     truth: Vec<StampedPose>,
     config: Config,
-    row: Row,
+    pub(super) row: Row,
     live: Vec<Claim>,
     claims: Vec<Claim>,
+}
+
+/// What the program says of a drive while it comes in, and in the end.
+pub(super) struct Followed {
+    pub(super) live: Vec<Claim>,
+    pub(super) result: SlamResult,
+    odometry: Vec<StampedPose>,
+    /// The numbers of the scans that were taken in.
+    pub(super) taken: Vec<usize>,
+    cost: Cost,
+}
+
+/// CPU time in all, from the last scan on, and of the longest step.
+#[derive(Default)]
+struct Cost {
+    cpu_s: f64,
+    finish_s: f64,
+    largest_step_ms: f64,
+}
+
+impl Followed {
+    pub(super) fn new(records: &[Record], config: &Config) -> anyhow::Result<Self> {
+        let started_s = fine_cpu_time_s();
+        let frames = Frames::new(records, config)?;
+        let mut slam = Slam::new(config);
+        let (mut live, mut odometry, mut taken) = (Vec::new(), Vec::new(), Vec::new());
+        let mut cost = Cost::default();
+        let mut pass = frames.iter();
+        loop {
+            let before_s = fine_cpu_time_s();
+            let Some(frame) = pass.next() else { break };
+            if let Ok(step) = slam.process(&frame) {
+                live.push(Claim::of_step(&step));
+                odometry.push(StampedPose { stamp_s: frame.stamp_s, pose: frame.dead_reckoning });
+                taken.push(frame.index);
+            }
+            cost.largest_step_ms = cost.largest_step_ms.max(1e3 * (fine_cpu_time_s() - before_s));
+        }
+        let live_s = fine_cpu_time_s();
+        let result = slam.finish();
+        (cost.finish_s, cost.cpu_s) = (fine_cpu_time_s() - live_s, fine_cpu_time_s() - started_s);
+        Ok(Self { live, result, odometry, taken, cost })
+    }
 }
 
 /// Runs `floorprint gauntlet-drive`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
     let Settings { preset, set, .. } = &arguments.settings;
     limit_cpu_time(arguments.cpu_limit)?;
-    let solved = solve(arguments.drive, &Settings { preset: *preset, set: set.clone(), ..Settings::default() })?;
+    let solved = solve(
+        Scenario::random(arguments.drive),
+        &Settings { preset: *preset, set: set.clone(), ..Settings::default() },
+    )?;
     let picture = (solved.row.outcome != Verdict::Right).then(|| solved.picture());
     writeln!(terminal.results(), "{}", serde_json::to_string(&Answer { row: solved.row, picture })?)?;
     Ok(Outcome::Fine)
@@ -118,7 +164,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 /// Solves a drive and leaves what can be looked at in a folder.
 pub(super) fn leave_folder(seed: u64, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
     let preset = around.preset.parse().map_err(anyhow::Error::msg)?;
-    let solved = solve(seed, &Settings { preset, set: around.set.to_vec(), ..Settings::default() })?;
+    let solved = solve(Scenario::random(seed), &Settings { preset, set: around.set.to_vec(), ..Settings::default() })?;
     let folder = around.out.join(format!("drive-{seed}"));
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     write_trajectory(&folder.join("trajectory.tum"), &solved.result.trajectory)?;
@@ -146,38 +192,17 @@ pub(super) fn leave_folder(seed: u64, around: &Surroundings<'_>) -> anyhow::Resu
     Ok(Outcome::Fine)
 }
 
-fn solve(seed: u64, settings: &Settings) -> anyhow::Result<Solved> {
-    let scenario = Scenario::random(seed);
+pub(super) fn solve(scenario: Scenario, settings: &Settings) -> anyhow::Result<Solved> {
     let drive = scenario.simulate()?;
     let mut config = settings.resolve(Some(&scenario.config.robot))?;
-    config.seed = seed;
+    config.seed = scenario.seed;
     // Scans are needed several times over, which costs more to simulate than to keep.
     let records = drive.records();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let truth = drive.truth();
-    let (live, result, odometry, mut row, taken) = pool.install(|| -> anyhow::Result<_> {
-        let mut row = Row::of(&scenario, &drive);
-        let started_s = fine_cpu_time_s();
-        let frames = Frames::new(&records, &config)?;
-        let mut slam = Slam::new(&config);
-        let (mut live, mut taken) = (Vec::new(), Vec::new());
-        let mut odometry = Vec::new();
-        let mut pass = frames.iter();
-        loop {
-            let before_s = fine_cpu_time_s();
-            let Some(frame) = pass.next() else { break };
-            if let Ok(step) = slam.process(&frame) {
-                live.push(Claim::of_step(&step));
-                odometry.push(StampedPose { stamp_s: frame.stamp_s, pose: frame.dead_reckoning });
-                taken.push(frame.index);
-            }
-            row.largest_step_ms = row.largest_step_ms.max(1e3 * (fine_cpu_time_s() - before_s));
-        }
-        let live_s = fine_cpu_time_s();
-        let result = slam.finish();
-        (row.finish_s, row.cpu_s) = (fine_cpu_time_s() - live_s, fine_cpu_time_s() - started_s);
-        Ok((live, result, odometry, row, taken))
-    })?;
+    let Followed { live, result, odometry, taken, cost } = pool.install(|| Followed::new(&records, &config))?;
+    let mut row = Row::of(&scenario, &drive);
+    (row.cpu_s, row.finish_s, row.largest_step_ms) = (cost.cpu_s, cost.finish_s, cost.largest_step_ms);
     // Stamps may be wrong; the number of a scan is not.
     let true_poses: Vec<Pose2> = taken.iter().filter_map(|&scan| Some(truth.get(scan)?.pose)).collect();
     let times_s: Vec<f64> = taken.iter().filter_map(|&scan| drive.scan_time_s(scan)).collect();

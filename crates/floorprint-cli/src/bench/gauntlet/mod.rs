@@ -1,5 +1,9 @@
 //! `floorprint bench --gauntlet N`: random drives, each right, said to be lost, or silently wrong.
 
+#[cfg(test)]
+mod corner_cases;
+#[cfg(test)]
+mod degraded_logs;
 mod drive;
 mod judgement;
 mod page;
