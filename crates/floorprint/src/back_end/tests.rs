@@ -6,7 +6,7 @@ use super::{
 };
 use crate::CompactScan;
 use crate::geometry::Pose2;
-use crate::key_scan::{Drift, KeyScan};
+use crate::key_scan::{Drift, Interruption, KeyScan};
 use crate::pose_graph::PoseGraph;
 use crate::scan_matcher::MatcherConfig;
 use crate::scan_matcher::synthetic::{Walls, poses_along};
@@ -411,6 +411,39 @@ fn what_fits_as_well_farther_on_moves_nothing() {
     assert_eq!(closures_of_likeliest(-1.5, 0.02), 0);
     assert_eq!(closures_of_likeliest(1.5, 0.12), 1);
     assert_eq!(closures_of_likeliest(0.1, 0.0), 1);
+}
+
+/// Whether a robot is found again that was carried off after a drive of 30 m: submaps of the drive since were looked for on
+/// those of the first, and of the same numbers some were seen there; others were not.
+fn is_found_again(seen: &[usize], missed: &[usize]) -> bool {
+    let first = poses_along(&[[0.0, 0.0], [30.0, 0.0]], 0.3);
+    let carried = Pose2::new(0.0, 50.0, 1.0);
+    let all: Vec<Pose2> = first.iter().copied().chain(first.iter().map(|pose| carried.compose(pose))).collect();
+    let mut key_scans = bare(&all);
+    key_scans[first.len()].interruption = Some(Interruption { frame: first.len(), is_certain: true });
+    let (submaps, config) = (cut(&key_scans, 4.0), LoopClosureConfig::default());
+    let mut account = Hypothesis::default();
+    submaps.iter().for_each(|submap| account.extend(submap, &config));
+    let compared = |&number: &usize| {
+        let newer = number + submaps.iter().position(|submap| submap.interruption.is_some()).unwrap();
+        found([number, newer], Pose2::IDENTITY, Pose2::IDENTITY, 0.05, 0.5)
+    };
+    let mut comparisons: Vec<Comparison> = seen.iter().map(compared).collect();
+    comparisons.extend(missed.iter().map(compared).map(|mut comparison| {
+        comparison.placements[0].verdict = Verdict::DoesNotFit;
+        comparison
+    }));
+    account.relocate(&submaps, &comparisons, true, &config);
+    let [kidnapping] = &account.kidnappings(&submaps, &comparisons)[..] else { panic!("it was carried once") };
+    kidnapping.found.is_some()
+}
+
+/// One room of another building looks like one of this: what lies around it tells.
+#[test]
+fn who_misses_what_should_be_seen_is_not_put_there() {
+    assert!(is_found_again(&[1, 3], &[]) && is_found_again(&[1, 3], &[5]));
+    assert!(!is_found_again(&[1, 3], &[0, 2, 4, 5]));
+    assert!(is_found_again(&[0, 1, 2, 3, 4], &[5]));
 }
 
 /// Hypotheses that expect a submap in different places have it compared with the same older one several times.

@@ -215,11 +215,7 @@ impl Hypothesis {
             let prior = if !is_certain && sighting.is_where_it_was() { PRIOR_OF_STAYING } else { 0.0 };
             let evidence = sighting.evidence_for_place(&sightings) + prior;
             // Where too little speaks for a place it need not be asked what speaks against it.
-            let misses = if evidence > least {
-                sighting.misses(&looks, &sightings, config)
-            } else {
-                0
-            };
+            let misses = if evidence > least { sighting.misses(&looks, &sightings, config) } else { 0 };
             evidence - MISS_EVIDENCE * misses as f64
         };
         let mut places: Vec<&Sighting> = Vec::new();
