@@ -2,7 +2,6 @@
 //!
 //! [`ParticleFilter::process`] is the filter's loop.
 
-mod agility;
 mod config;
 mod correlation;
 #[expect(clippy::module_inception, reason = "one type a file, named after it")]

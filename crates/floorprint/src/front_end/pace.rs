@@ -29,11 +29,6 @@ impl Pace {
         self.usual_s += NEWEST * (steps.min(GAP_STEPS) * self.usual_s - self.usual_s);
         steps
     }
-
-    /// The time since the last scan, or the usual one where stamps that jitter make it shorter; seconds.
-    pub(super) fn at_least_usual_s(&self, elapsed_s: f64) -> f64 {
-        elapsed_s.max(self.usual_s)
-    }
 }
 
 /// Whether scans are missing from a time in which so many would have come.

@@ -1,7 +1,6 @@
 //! The Rao-Blackwellised particle filter: a map for every particle, poses drawn from the
 //! measurement (Grisetti, Stachniss & Burgard 2007; FastSLAM 2, Montemerlo et al. 2003).
 
-use super::agility::Agility;
 use super::local_map::LocalMap;
 use super::loss::{LossDetector, Sighting};
 use super::odometry_model::OdometryModel;
@@ -55,10 +54,8 @@ pub struct ParticleFilter {
     is_doubtful: bool,
     /// What the best particle's scans do not show of its motion.
     unseen: UnseenMotion,
-    /// How fast scans follow each other …
+    /// How fast scans follow each other.
     pace: Pace,
-    /// … and how fast the robot moves.
-    agility: Agility,
     /// Whether a new drive begins with the next scan.
     is_interrupted: bool,
     steps: usize,
@@ -84,8 +81,6 @@ pub struct FrontEndState {
     #[serde(default)]
     unseen: UnseenMotion,
     pace: Pace,
-    #[serde(default)]
-    agility: Agility,
 }
 
 impl FrontEndState {
@@ -130,7 +125,6 @@ impl ParticleFilter {
             is_interrupted: false,
             unseen: UnseenMotion::default(),
             pace: Pace::default(),
-            agility: Agility::default(),
             steps: 0,
         }
     }
@@ -165,7 +159,7 @@ impl ParticleFilter {
         self.points = points;
         let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
         let steps = self.pace.steps(frame.elapsed_s);
-        let fits = self.predict_and_match(motion.as_ref(), steps.max(1.0), &scan, frame.stamp_s);
+        let fits = self.predict_and_match(motion.as_ref(), steps.max(1.0), &scan);
         let sighting = self.notice_loss(&scan, &fits, steps);
         // Particles moved alike but for noise: the scan is due for all of them or for none.
         let is_due = sighting != Sighting::Misfits && !scan.is_empty() && self.is_due();
@@ -191,10 +185,7 @@ impl ParticleFilter {
             };
             self.unseen.observe(&step, fit, &scan, map.surfaces(), &self.matcher);
         }
-        let Tracker { pose, last_motion, .. } = self.particles[best];
-        if is_believed && fits[best].is_some_and(|fit| fit.odometry == OdometryVerdict::Confirmed) {
-            self.agility.learn(&last_motion, self.pace.at_least_usual_s(frame.elapsed_s));
-        }
+        let pose = self.particles[best].pose;
         profiler.enter(Phase::Map);
         let interruption = match sighting {
             Sighting::Lost { scans, is_certain } => {
@@ -227,17 +218,11 @@ impl ParticleFilter {
     }
 
     /// Moves every particle with the odometry, and on to where the scan fits its map.
-    fn predict_and_match(
-        &mut self,
-        motion: Option<&Pose2>,
-        steps: f64,
-        scan: &SurfaceScan,
-        stamp_s: f64,
-    ) -> Vec<Option<Fit>> {
-        let (odometry, noise, agility, matcher) = (&self.odometry, &self.motion, &self.agility, &self.matcher);
+    fn predict_and_match(&mut self, motion: Option<&Pose2>, steps: f64, scan: &SurfaceScan) -> Vec<Option<Fit>> {
+        let (odometry, noise, matcher) = (&self.odometry, &self.motion, &self.matcher);
         let follow = |particle: &mut Tracker| {
             let prediction = particle.predict(motion, steps, odometry, noise);
-            particle.match_scan(&prediction, scan, stamp_s, agility, matcher)
+            particle.match_scan(&prediction, scan, matcher)
         };
         self.particles.par_iter_mut().map(follow).collect()
     }
@@ -414,7 +399,6 @@ impl ParticleFilter {
             is_interrupted: self.is_interrupted,
             unseen: self.unseen,
             pace: self.pace,
-            agility: self.agility,
         }
     }
 
@@ -444,7 +428,7 @@ impl ParticleFilter {
         filter.loss = filter.loss.and(state.loss.or(Some(LossDetector::default())));
         (filter.written, filter.covariance, filter.is_doubtful) = (state.written, state.covariance, state.is_doubtful);
         filter.is_interrupted = state.is_interrupted;
-        (filter.unseen, filter.pace, filter.agility) = (state.unseen, state.pace, state.agility);
+        (filter.unseen, filter.pace) = (state.unseen, state.pace);
         filter.steps = first + poses.len();
         filter
     }

@@ -1,6 +1,5 @@
 //! One hypothesis: where the robot is, how it got there, and what the world then looks like.
 
-use super::agility::Agility;
 use super::genealogy::Trail;
 use super::local_map::LocalMap;
 use super::odometry_model::OdometryModel;
@@ -127,14 +126,11 @@ impl Tracker {
         }
     }
 
-    /// Moves to where the scan of a time (seconds) fits the map, once there is one, and a robot can have come that is so
-    /// `agile`.
+    /// Moves to where the scan fits the map, once there is one.
     pub(super) fn match_scan(
         &mut self,
         prediction: &Prediction,
         scan: &SurfaceScan,
-        stamp_s: f64,
-        agile: &Agility,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
         let Prediction { prior, proven, continued, step, is_measured, steps } = prediction;
@@ -154,13 +150,7 @@ impl Tracker {
                 // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
                 let tells_motion = *is_measured && !is_gap(*steps);
                 let seen_before = tells_motion.then_some(&seen_before as &dyn Fn(&Pose2) -> SurfaceScan);
-                let is_possible = |pose: &Pose2| {
-                    let fitted = self.trail.last(self.unconfirmed.len());
-                    fitted
-                        .first()
-                        .is_none_or(|fitted| agile.allows(&fitted.pose.between(pose), stamp_s - fitted.stamp_s))
-                };
-                locate(self.map.surfaces(), scan, prior, continued, seen_before, &is_possible, matcher)
+                locate(self.map.surfaces(), scan, prior, continued, seen_before, matcher)
             }
         };
         self.last_motion = self.pose.between(&result.belief.pose);
@@ -312,7 +302,6 @@ pub(super) fn blunder() -> Matrix3<f64> {
 mod tests {
     use super::*;
     use crate::scan_matcher::synthetic::Walls;
-    use crate::sensors::StampedPose;
     use std::sync::Arc;
 
     /// Odometry that misses 0.05 rad of every metre.
@@ -355,7 +344,7 @@ mod tests {
         tracker.going = Pose2::new(0.1, 0.0, 0.0);
         let mut go_on = |steps: f64| {
             let prediction = tracker.predict(None, steps, &OdometryModel::default(), &MotionConfig::default());
-            let _ = tracker.match_scan(&prediction, &SurfaceScan::default(), 0.0, &Agility::default(), &matcher);
+            let _ = tracker.match_scan(&prediction, &SurfaceScan::default(), &matcher);
             tracker.last_motion.distance()
         };
         assert!((go_on(30.0) - 3.0).abs() < 1e-9);
@@ -379,33 +368,11 @@ mod tests {
             }
             let mut tracker = Tracker::new(Pose2::IDENTITY, 0.0, map);
             let prediction = tracker.predict(measured, 1.0, &OdometryModel::default(), &MotionConfig::default());
-            tracker.match_scan(&prediction, &scan, 0.0, &Agility::default(), &matcher).unwrap()
+            tracker.match_scan(&prediction, &scan, &matcher).unwrap()
         };
         let (told, untold) = (fit(Some(&Pose2::new(0.01, 0.0, 0.0))), fit(None));
         assert!(told.result.inlier_share < DOUBTFUL_INLIER_SHARE, "the test needs something new: {told:?}");
         assert!(told.explained_share > 0.8 && !told.is_doubtful(), "{told:?}");
         assert!(untold.is_doubtful(), "{untold:?}");
-    }
-
-    /// The odometry stands still, and the scan shows what is to be seen half a metre farther on and turned by 40°.
-    #[test]
-    fn a_robot_is_found_farther_on_where_it_can_have_come_meanwhile() {
-        let (walls, matcher) = (Walls::room(), MatcherConfig::default());
-        let scan_from = |pose: &Pose2| SurfaceScan::new(&walls.scan_from(pose, 361), &matcher.thinning());
-        let (here, there) = (Arc::new(scan_from(&Pose2::IDENTITY)), Pose2::new(0.4, 0.3, 0.7));
-        let error_after_m = |elapsed_s: f64| {
-            let mut map = LocalMap::new(matcher.cell_m, 20.0);
-            map.write(&Pose2::IDENTITY, &here, here.view_m(), false);
-            let mut tracker = Tracker::new(Pose2::IDENTITY, 0.0, map);
-            tracker.trail.push(StampedPose { stamp_s: 7.0, pose: Pose2::IDENTITY });
-            let stands = Some(&Pose2::IDENTITY);
-            let prediction = tracker.predict(stands, 1.0, &OdometryModel::default(), &MotionConfig::default());
-            let fit =
-                tracker.match_scan(&prediction, &scan_from(&there), 7.0 + elapsed_s, &Agility::default(), &matcher);
-            assert!(fit.is_some());
-            tracker.pose.between(&there).distance()
-        };
-        assert!(error_after_m(2.0) < 0.02, "{} m", error_after_m(2.0));
-        assert!(error_after_m(0.05) > 0.3, "{} m", error_after_m(0.05));
     }
 }

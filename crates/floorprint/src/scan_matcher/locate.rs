@@ -61,7 +61,7 @@ impl Location {
 
 /// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins. `continued` is where the robot is
 /// if it goes on as in the last step. `seen_before` gives what of the scan the scans of the map had in view if it was taken at
-/// a pose; without it all counts as seen. `is_possible` tells of a pose whether the robot can have come to it.
+/// a pose; without it all counts as seen.
 #[must_use]
 pub fn locate(
     map: &SurfaceMap,
@@ -69,7 +69,6 @@ pub fn locate(
     prior: &PoseBelief,
     continued: &PoseBelief,
     seen_before: Option<&dyn Fn(&Pose2) -> SurfaceScan>,
-    is_possible: &dyn Fn(&Pose2) -> bool,
     config: &MatcherConfig,
 ) -> Location {
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
@@ -116,7 +115,7 @@ pub fn locate(
         for pose in search(map, scan, &prior.pose, window, CANDIDATES) {
             let start = PoseBelief { pose, information: prior.information * DISTRUST };
             let found = match_scan(map, scan, &start, config);
-            if found.inlier_share > best.inlier_share && is_possible(&found.belief.pose) {
+            if found.inlier_share > best.inlier_share {
                 best = found;
             }
         }

@@ -38,7 +38,7 @@ fn locate(
     continued: &PoseBelief,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
-    let found = super::locate(map, scan, prior, continued, None, &|_| true, config);
+    let found = super::locate(map, scan, prior, continued, None, config);
     (found.fit, found.odometry)
 }
 
@@ -185,7 +185,7 @@ fn who_sees_new_things_does_not_look_for_them_elsewhere() {
     let (astray, _) = locate(&map, &scan, &prior, &prior, &config);
     assert!(astray.belief.pose.theta.abs() > 1.0, "the test needs a temptation: {astray:?}");
     let before = |pose: &Pose2| scan.filtered(|[x, y]| pose.transform_point([f64::from(x), f64::from(y)])[1] < 1.2);
-    let found = super::locate(&map, &scan, &prior, &prior, Some(&before), &|_| true, &config);
+    let found = super::locate(&map, &scan, &prior, &prior, Some(&before), &config);
     let heading_rad = found.fit.belief.pose.theta;
     assert!(found.odometry == OdometryVerdict::Confirmed && heading_rad.abs() < 0.05, "{found:?}");
     assert!(found.fit.inlier_share < 0.5 && found.explained_share > 0.9, "{found:?}");
