@@ -233,12 +233,18 @@ fn several_drives_are_listed_and_checked_one_by_one() {
     // Any recordings in a folder.
     let logs = folder.path().join("logs");
     fs::create_dir(&logs).unwrap();
-    fs::write(logs.join("monday.csv"), hall().0).unwrap();
     // One alone is the drive that is meant, and the truth beside it is found.
-    fs::write(logs.join("monday.truth.tum"), "0.0 0 0 0 0 0 0 1\n").unwrap();
+    let (log, poses) = hall();
+    fs::write(logs.join("monday.csv"), log).unwrap();
+    let line = |(step, Pose2 { x, y, theta }): (usize, &Pose2)| {
+        let (sin, cos) = (0.5 * theta).sin_cos();
+        format!("{} {x} {y} 0 0 0 {sin} {cos}\n", 100.0 + 0.1 * step as f64)
+    };
+    fs::write(logs.join("monday.truth.tum"), poses.iter().enumerate().map(line).collect::<String>()).unwrap();
     let out = folder.path().join("monday");
-    let told = text(&floorprint(&["run", name(&logs), "--out", name(&out)]).stderr);
-    assert!(out.join("report.html").is_file() && told.contains("truth"), "{told}");
+    fine(&floorprint(&["run", name(&logs), "--out", name(&out)]));
+    let report: serde_json::Value = serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert!(report["errors"]["trajectory"].is_object(), "{}", report["errors"]);
     fs::write(logs.join("tuesday.csv"), hall().0).unwrap();
     let told = fine(&floorprint(&["info", name(&logs)]));
     assert!(told.contains("monday.csv") && told.contains("tuesday.csv"), "{told}");
