@@ -201,10 +201,10 @@ fn unpack(path: &Path, options: &OpenOptions) -> Result<Option<Unpacked>, ReadEr
 }
 
 fn open_here(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
-    if let Some(recording) = lone_recording(path) {
+    let source = Source::open(path)?;
+    if let Some(recording) = lone_recording_in(&source) {
         return open(&recording, options);
     }
-    let source = Source::open(path)?;
     if let (Source::File(_), Some(drive)) = (&source, options.drive) {
         let problem = Problem::new(path, format!("a single file, in which there is no drive {drive}"));
         return Err(problem
@@ -224,9 +224,13 @@ fn open_here(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
 /// The one recording that a folder holds which is none itself: what opening the folder opens.
 #[must_use]
 pub fn lone_recording(folder: &Path) -> Option<PathBuf> {
-    let source = Source::open(folder).ok().filter(|source| matches!(source, Source::Folder(_)))?;
-    match format::drives(&source).as_slice() {
-        [DriveEntry { path, drive: None, .. }] if path != folder => Some(path.clone()),
+    // A file would be read for nothing.
+    folder.is_dir().then(|| Source::open(folder).ok()).flatten().and_then(|source| lone_recording_in(&source))
+}
+
+fn lone_recording_in(source: &Source) -> Option<PathBuf> {
+    match format::drives(source).as_slice() {
+        [DriveEntry { path, drive: None, .. }] if path != source.path() => Some(path.clone()),
         _ => None,
     }
 }

@@ -1,4 +1,4 @@
-//! Finding a robot that was kidnapped (kidnapped) on what it had seen before.
+//! Finding a robot that was kidnapped on what it had seen before.
 //!
 //! What it sees from then on is a drive of its own, whose place is open. Its submaps are looked for on all older ones;
 //! each sighting proposes a place for the whole drive since. It is placed once several submaps agree, more than should be
@@ -44,7 +44,7 @@ const SUBMAPS_UNTIL_STAYING: usize = 4;
 const PASSED_LENGTHS: f64 = 0.5;
 
 /// A submap that was looked for on a place that it is not connected to.
-struct Look {
+struct Attempt {
     newer: usize,
     /// Where its middle lies as yet.
     middle: Pose2,
@@ -52,7 +52,7 @@ struct Look {
     older_middle: Pose2,
 }
 
-impl Look {
+impl Attempt {
     /// Whether it should have been seen there, if a sighting put the drive in its place: it passes there the same way.
     fn would_show(&self, sighting: &Sighting, config: &LoopClosureConfig) -> bool {
         let offset = self.older_middle.between(&sighting.shift.compose(&self.middle));
@@ -112,9 +112,9 @@ impl Sighting {
     }
 
     /// How many submaps should have been seen where it puts the drive, and were not.
-    fn misses(&self, looks: &[Look], sightings: &[Self], config: &LoopClosureConfig) -> usize {
+    fn misses(&self, attempts: &[Attempt], sightings: &[Self], config: &LoopClosureConfig) -> usize {
         let expected: BTreeSet<usize> =
-            looks.iter().filter(|look| look.would_show(self, config)).map(|look| look.newer).collect();
+            attempts.iter().filter(|attempt| attempt.would_show(self, config)).map(|attempt| attempt.newer).collect();
         let agreeing = sightings.iter().filter(|sighting| sighting.agrees_with(self));
         let seen: BTreeSet<usize> = agreeing.map(|sighting| sighting.newer).collect();
         expected.difference(&seen).count()
@@ -208,14 +208,14 @@ impl Hypothesis {
             return;
         }
         let tied = self.connected_to(newest);
-        let (looks, sightings) = self.looks(submaps, newest, comparisons, &tied);
+        let (attempts, sightings) = self.attempts(submaps, newest, comparisons, &tied);
         let is_certain = self.open_breaks().all(|at| at.interruption.is_certain);
         let least = if is_end && is_certain { LEAST_EVIDENCE_AT_THE_END } else { LEAST_EVIDENCE };
         let evidence = |sighting: &Sighting| {
             let prior = if !is_certain && sighting.is_where_it_was() { PRIOR_OF_STAYING } else { 0.0 };
             let evidence = sighting.evidence_for_place(&sightings) + prior;
             // Where too little speaks for a place it need not be asked what speaks against it.
-            let misses = if evidence > least { sighting.misses(&looks, &sightings, config) } else { 0 };
+            let misses = if evidence > least { sighting.misses(&attempts, &sightings, config) } else { 0 };
             evidence - MISS_EVIDENCE * misses as f64
         };
         let mut places: Vec<&Sighting> = Vec::new();
@@ -247,14 +247,14 @@ impl Hypothesis {
     }
 
     /// Where the newest submaps were looked for, and seen, on places that they are not connected to.
-    fn looks(
+    fn attempts(
         &self,
         submaps: &[Arc<Submap>],
         newest: usize,
         comparisons: &[Comparison],
         tied: &[bool],
-    ) -> (Vec<Look>, Vec<Sighting>) {
-        let (mut looks, mut sightings) = (Vec::new(), Vec::new());
+    ) -> (Vec<Attempt>, Vec<Sighting>) {
+        let (mut attempts, mut sightings) = (Vec::new(), Vec::new());
         let recent = comparisons.iter().enumerate().rev().take_while(|(_, c)| c.newer + SUBMAPS_ASKED > newest);
         for (number, comparison) in recent {
             let (newer, older) = (comparison.newer, comparison.older);
@@ -264,7 +264,7 @@ impl Hypothesis {
             }
             let [older_pose, pose] = [older_node, node].map(|node| self.graph.poses()[node]);
             let middle = pose.compose(&submaps[newer].middle);
-            looks.push(Look { newer, middle, older_middle: older_pose.compose(&submaps[older].middle) });
+            attempts.push(Attempt { newer, middle, older_middle: older_pose.compose(&submaps[older].middle) });
             let best = comparison.placements[0].quality();
             let fits = comparison.placements.iter().enumerate().filter(|(_, placement)| placement.fits());
             sightings.extend(fits.map(|(index, placement)| Sighting {
@@ -277,7 +277,7 @@ impl Hypothesis {
                 member: (number, index),
             }));
         }
-        (looks, sightings)
+        (attempts, sightings)
     }
 
     /// Puts the drive where a sighting says, with all sightings that agree.

@@ -89,7 +89,10 @@ impl fmt::Display for Finding {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::NoOdometry => write!(formatter, "no odometry: the motion is predicted from scan matching alone"),
-            Self::StandingOdometry => write!(formatter, "the stated odometry never moves: it is not used"),
+            Self::StandingOdometry => write!(
+                formatter,
+                "the stated odometry never moves: it is not used (odometry.source = \"log\" uses it all the same)"
+            ),
             Self::NoImu => write!(formatter, "no IMU: yaw from the wheels"),
             Self::ImuSilent { for_s } => {
                 write!(formatter, "the IMU is silent for {for_s:.2} s of motion: yaw from the wheels there")

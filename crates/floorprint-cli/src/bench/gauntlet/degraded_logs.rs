@@ -9,10 +9,13 @@ use super::judgement::{Claim, Judgement, Verdict};
 use floorprint::Config;
 use floorprint::config::Layer;
 use floorprint::geometry::Pose2;
-use floorprint::sensors::{Record, Scan};
-use floorprint_io::{OpenOptions, open};
+use floorprint::sensors::Scan;
+use floorprint_io::{DataSet, OpenOptions, open};
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+#[path = "../../../../floorprint-io/tests/data_folder/mod.rs"]
+mod data_folder;
 
 /// How a log is made worse.
 #[derive(Debug, Clone, Copy)]
@@ -145,8 +148,11 @@ impl Damage {
     }
 }
 
-fn followed(path: &Path) -> Followed {
-    let log = open(path, &OpenOptions::default()).unwrap();
+fn read(path: &Path) -> DataSet {
+    open(path, &OpenOptions::default()).unwrap()
+}
+
+fn followed(log: &DataSet) -> Followed {
     let config = Config::resolve(&[Layer::from_robot(&log.robot)]).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     pool.install(|| Followed::new(&log.records, &config)).unwrap()
@@ -154,12 +160,7 @@ fn followed(path: &Path) -> Followed {
 
 #[test]
 fn degraded_logs_are_right_or_say_so() {
-    let data = std::env::var_os("FLOORPRINT_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    if !data.is_dir() {
-        println!("skipped: no real data at {} (set FLOORPRINT_DATA to where they are)", data.display());
-        return;
-    }
+    let Some(data) = data_folder::data() else { return };
     let is_thorough = std::env::var_os("FLOORPRINT_LOGS").is_some();
     let names: &[&str] = if is_thorough { &["intel", "aces", "mit-csail"] } else { &["mit-csail"] };
     let damages: &[Damage] = if is_thorough { &DAMAGES } else { &QUICK };
@@ -167,18 +168,14 @@ fn degraded_logs_are_right_or_say_so() {
     let mut wrong = Vec::new();
     for name in names {
         let path = data.join(format!("relations/{name}/{name}.clf.gz"));
-        let whole = followed(&path);
-        let log = open(&path, &OpenOptions::default()).unwrap();
-        let scans: Vec<&Scan> = log
-            .records
-            .iter()
-            .filter_map(|record| if let Record::Scan(scan) = record { Some(scan) } else { None })
-            .collect();
+        let log = read(&path);
+        let whole = followed(&log);
+        let scans: Vec<&Scan> = log.scans().collect();
         for &damage in damages {
             let (text, left) = damage.text(&scans);
             let path = folder.path().join("degraded.clf");
             std::fs::write(&path, text).unwrap();
-            let degraded = followed(&path);
+            let degraded = followed(&read(&path));
             let judge = |claims: &[Claim]| {
                 let truth = degraded.taken.iter().map(|&taken| left[taken]);
                 let truth: Vec<_> =
