@@ -284,6 +284,49 @@ fn a_drive_without_camera_or_imu_is_solved_and_that_is_said() {
     assert!(!out.join("texture.png").exists());
 }
 
+#[test]
+fn a_drive_without_a_lidar_is_dead_reckoned_and_has_no_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let (blind, out) = (folder.path().join("blind"), folder.path().join("out"));
+    fs::create_dir(&blind).unwrap();
+    for name in ["Encoders1.npz", "Imu1.npz", "Kinect1.npz", "truth.tum", "truth_map.yaml", "truth_map.pgm"] {
+        fs::copy(Path::new(&drive()).join(name), blind.join(name)).unwrap();
+    }
+    let blind = blind.to_str().unwrap();
+    let sentence = "there is no LiDAR and so no map, only dead reckoning";
+    let said = run(blind, &out, &["--snapshots", "10"]);
+    assert_eq!(text(&said.stderr).matches(sentence).count(), 1, "{}", text(&said.stderr));
+    assert!(text(&said.stdout).contains("poses by dead reckoning") && !text(&said.stdout).contains("map"));
+    let mut names: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    let expected = ["config.toml", "report.html", "report.json", "trajectories.png", "trajectories.svg"];
+    assert_eq!(names, [&expected[..], &["trajectory.kitti", "trajectory.tum"]].concat());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is left beside the results");
+    let report = report(&out);
+    assert!(report.get("map").is_none() && report.get("filter").is_none() && report.get("loops").is_none());
+    assert_eq!(report["drive"]["odometry"], "wheels_and_gyro");
+    assert!(report["errors"].get("map").is_none(), "{}", report["errors"]);
+    assert!(report["errors"]["trajectory"]["translation_m"]["rmse"].as_f64().unwrap() < 1.0);
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("no LiDAR: dead reckoning, no map") && !page.contains("map.png"));
+
+    assert!(text(&floorprint(&["info", blind]).stdout).contains(sentence));
+    let checked = floorprint(&["check", blind]);
+    assert_eq!(checked.status.code(), Some(1), "there can be no map");
+    assert!(text(&checked.stderr).contains(sentence), "{}", text(&checked.stderr));
+    // What shows or compares runs takes this one, too.
+    let (out, picture) = (out.to_str().unwrap(), folder.path().join("plot.svg"));
+    assert_eq!(floorprint(&["plot", out, "--out", picture.to_str().unwrap()]).status.code(), Some(0));
+    let page = folder.path().join("compare.html");
+    assert_eq!(floorprint(&["compare", out, out, "--out", page.to_str().unwrap()]).status.code(), Some(0));
+    // What needs scans says so before any work.
+    let more = folder.path().join("more");
+    let refused = |extra: &[&str]| failure(&[&["run", blind, "--out", more.to_str().unwrap()], extra].concat(), 1);
+    assert!(refused(&["--mcap", more.with_extension("mcap").to_str().unwrap()]).contains("there is no LiDAR"));
+    fs::remove_file(Path::new(blind).join("Encoders1.npz")).unwrap();
+    assert!(refused(&[]).contains("a map needs a HokuyoN.npz"));
+}
+
 /// Once the robot comes by places that it knows, once the drive ends before that.
 #[test]
 fn a_robot_that_was_carried_elsewhere_is_said_to_be_and_where_it_was_found() {
