@@ -28,6 +28,7 @@ pub(crate) fn dead_reckon(
     ensure!(around.earlier.is_none(), "a session cannot be gone on with where there is no LiDAR");
     let dead_reckoned = Frames::without_scans(data_set.records.as_slice(), config);
     let (trajectory, summary) = dead_reckoned.map_err(|error| explain(error, data_set))?;
+    around.interrupt.is_preparing(false);
     let path = DeadReckoning::new(trajectory.iter().copied());
     let floor = if paints { paint_floor(data_set, config, &path, &trajectory, around)? } else { None };
     let nothing = Slam::new(config).finish();

@@ -173,11 +173,13 @@ pub(crate) fn solve(
     }
     let mut earlier = around.earlier.take();
     let mut slam = Slam::new(config);
+    slam.stop_on(around.interrupt.signal());
     let (mut memory, mut storage) = (around.memory.take(), StorageWatch::default());
     let mut steps: Vec<StepReport> = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
     let mut scan_times = ScanTimes::default();
     let progress = around.terminal.progress("solving", "scans", frames.len());
+    around.interrupt.is_preparing(false);
     let mut something_seen = false;
     let mut partial;
     let mut pass = frames.iter();
@@ -214,6 +216,7 @@ pub(crate) fn solve(
             let Some(mut frame) = pass.next() else { break };
             if let Some(earlier) = earlier.take() {
                 slam = earlier.resume(frame.stamp_s, config)?;
+                slam.stop_on(around.interrupt.signal());
                 // Nothing measured the motion between the two drives.
                 frame.motion = None;
             }

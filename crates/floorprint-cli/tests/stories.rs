@@ -694,6 +694,57 @@ fn ctrl_c_keeps_what_was_computed_and_marks_it() {
     assert_eq!(left.filter(|name| name != "out").count(), 0, "an end at once leaves nothing unfinished");
 }
 
+/// Whatever a run is at: reading, looking for a robot that was carried elsewhere, fitting all scans to each other, writing.
+#[cfg(unix)]
+#[test]
+fn a_run_is_stopped_soon_at_any_moment_and_leaves_whole_results_or_none() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    use std::time::{Duration, Instant};
+    let folder = tempfile::tempdir().unwrap();
+    let (carried, out) = (folder.path().join("carried"), folder.path().join("out"));
+    let settings = folder.path().join("carried.toml");
+    let faults = "[[faults]]\nkidnapping = { at_s = 28.0, ahead_m = -8.0 }\n";
+    fs::write(&settings, format!("camera.rate_hz = 0.0\n[lidar]\nbeams = 361\n{faults}")).unwrap();
+    let [settings, carried] = [&settings, &carried].map(|path| path.to_str().unwrap());
+    let made = floorprint(&["simulate", "--seed", "1", "--config", settings, "--out", carried, "-q"]);
+    assert_eq!(made.status.code(), Some(0), "{}", text(&made.stderr));
+    let start = || {
+        let _ = fs::remove_dir_all(&out);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_floorprint"));
+        command.args(["run", carried, "-q", "--out"]).arg(&out).stderr(std::process::Stdio::null());
+        (command.spawn().unwrap(), Instant::now())
+    };
+    let (mut whole, started) = start();
+    assert_eq!(whole.wait().unwrap().code(), Some(0));
+    let takes = started.elapsed();
+    for part in [0.05, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98] {
+        let (mut child, _) = start();
+        std::thread::sleep(takes.mul_f64(part));
+        let _ = kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), Signal::SIGTERM);
+        let told = Instant::now();
+        let code = child.wait().unwrap().code();
+        // Drawing and writing what there is takes a part of the whole.
+        let most = Duration::from_secs(1) + takes / 2;
+        assert!(told.elapsed() < most, "{part}: {:?} of {takes:?}", told.elapsed());
+        // A handler that is not set yet stops nothing: then a signal ends the program.
+        assert!(matches!(code, Some(0 | 130) | None), "{part}: {code:?}");
+        if out.exists() {
+            let report = report(&out);
+            let poses = fs::read_to_string(out.join("trajectory.tum")).unwrap().lines().count() as u64;
+            assert_eq!(report["drive"]["poses"].as_u64(), Some(poses), "{part}");
+            assert_eq!(report["partial"] == true, code == Some(130), "{part}: {code:?}");
+        }
+        if code.is_some() {
+            let names =
+                fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+            let left: Vec<_> =
+                names.filter(|name| !["carried", "carried.toml", "out"].contains(&name.as_str())).collect();
+            assert!(left.is_empty(), "{part}: {left:?}");
+        }
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn a_benchmark_that_is_stopped_gives_the_table_of_the_runs_so_far() {
