@@ -5,7 +5,7 @@ use crate::error::{Problem, ReadError};
 use crate::format::{self, Format};
 use crate::images::ImageIndex;
 use crate::ros::LiveSession;
-use crate::source::{InputHash, Source, is_archive};
+use crate::source::{FileSource, InputHash, Source, is_archive};
 use crate::unpack::{STANDARD_INPUT, Unpacked};
 use floorprint::odometry::OdometryError;
 use floorprint::sensors::{Record, RobotConfig, Scan, StampedPose};
@@ -190,6 +190,19 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
         InputHash::of_files(&[path]).map_err(|error| ReadError::io(path, &error))?
     };
     Ok(DataSet { input_hash, unpacked: Some(unpacked.around(data_set.unpacked)), ..data_set })
+}
+
+/// Opens a log whose bytes are at hand, gzipped or not; `name` stands for its path in messages.
+///
+/// # Errors
+/// As [`open`]. Recordings of ROS are read where they lie, and archives unpacked there: neither can be opened so.
+pub fn open_log(name: &Path, bytes: Vec<u8>, options: &OpenOptions) -> Result<DataSet, ReadError> {
+    let source = Source::File(FileSource::new(name, bytes)?);
+    let format = format::recognise(&source)?;
+    if format.has_topics {
+        return Err(Problem::new(name, format.description).expected("a log").into());
+    }
+    format.read(&source, options)
 }
 
 /// What has to be put somewhere before it can be read.
