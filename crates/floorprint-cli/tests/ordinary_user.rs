@@ -3,7 +3,7 @@
 //! Permissions mean nothing to root, as whom containers run tests: there the program is started as nobody.
 
 #![cfg(unix)]
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test ends where a step fails, and says what it skips")]
+#![expect(clippy::unwrap_used, reason = "a test ends where a step fails")]
 
 use std::collections::BTreeSet;
 use std::fs::{self, Permissions};

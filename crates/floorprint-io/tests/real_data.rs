@@ -9,7 +9,7 @@ use floorprint::evaluation::{Alignment, RelationReport, TrajectoryError, Traject
 use floorprint::geometry::Pose2;
 use floorprint::sensors::Record;
 use floorprint::{Config, Frame, Slam, SlamError, SlamResult};
-use floorprint_io::{DropReason, OpenOptions, open, read_relations, read_trajectory};
+use floorprint_io::{OpenOptions, open, read_relations, read_trajectory};
 
 #[test]
 fn every_scan_of_the_benchmark_logs_is_read() {
