@@ -350,3 +350,23 @@ impl DropCounts {
         self.0.values().sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_is_the_same_out_of_memory_and_from_disk() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("drive.clf");
+        let log = b"FLASER 3 2.0 2.0 2.0 0 0 0 0 0 0 1.0 host 1.0\n";
+        std::fs::write(&path, log).unwrap();
+        let options = OpenOptions::default();
+        let [from_disk, of_memory] =
+            [open(&path, &options), open_log(&path, log.to_vec(), &options)].map(Result::unwrap);
+        assert_eq!(format!("{:?}", from_disk.records), format!("{:?}", of_memory.records));
+        assert_eq!((from_disk.input_hash, from_disk.notes), (of_memory.input_hash, of_memory.notes));
+        let refused = open_log(&path, b"#ROSBAG V2.0\n".to_vec(), &options).unwrap_err().to_string();
+        assert!(refused.contains("expected a log"), "{refused}");
+    }
+}
