@@ -8,7 +8,7 @@ use floorprint::sensors::{Record, RobotConfig, Scan, ScanGeometry};
 use floorprint::texture::ImagePair;
 use floorprint::{Config, Frames, SensorId, Slam};
 use floorprint_io::{
-    DataSet, OpenOptions, open, read_floor, read_g2o, read_map, read_png, read_relations, read_trajectory,
+    DataSet, OpenOptions, open, open_log, parse_map, read_floor, read_g2o, read_png, read_relations, read_trajectory,
 };
 use floorprint_io::{write_g2o, write_trajectory};
 use std::cell::RefCell;
@@ -87,31 +87,37 @@ fn config_for(robot: &RobotConfig) -> Option<Config> {
     })
 }
 
-/// Opens a file as a data set, and makes frames of what is in it.
-fn open_file(name: &str, bytes: &[u8]) {
-    with_files(&[(name, bytes)], |folder| drop(opened(&folder.join(name))));
+/// Opens a log, and makes frames of what is in it.
+fn look_at_log(name: &str, bytes: &[u8]) {
+    if let Ok(log) = open_log(Path::new(name), bytes.to_vec(), &OpenOptions::default()) {
+        look_at(&log);
+    }
 }
 
 fn opened(path: &Path) -> Option<DataSet> {
     let data_set = open(path, &OpenOptions::default()).ok()?;
+    look_at(&data_set);
+    Some(data_set)
+}
+
+fn look_at(data_set: &DataSet) {
     assert!(data_set.scans().all(|scan| scan.geometry.len() == scan.ranges_m.len()));
     if let Some(config) = config_for(&data_set.robot)
         && let Ok(frames) = Frames::new(&data_set.records, &config)
     {
         assert!(frames.iter().take(100).all(|frame| frame.motion.is_none_or(|motion| motion.is_finite())));
     }
-    Some(data_set)
 }
 
 /// A CARMEN log, plain or gzipped.
 pub fn carmen(bytes: &[u8]) {
-    open_file("log.clf", bytes);
+    look_at_log("log.clf", bytes);
 }
 
 /// An encoder log: the bytes, and a line of theirs behind what makes the format known.
 pub fn encoder_log(bytes: &[u8]) {
     let line = [b"1000 0 5 6 ".as_slice(), &b"1500 ".repeat(682), b"\n", bytes].concat();
-    open_file("log.dat", &line);
+    look_at_log("log.dat", &line);
 }
 
 /// The archives of a course folder: the same bytes for each.
@@ -124,7 +130,7 @@ pub fn ece276a(bytes: &[u8]) {
 
 /// Text with a reading a line.
 pub fn text(bytes: &[u8]) {
-    open_file("log.csv", bytes);
+    look_at_log("log.csv", bytes);
 }
 
 /// A recording of ROS in any container, with its images.
@@ -171,13 +177,15 @@ pub fn g2o(bytes: &[u8]) {
 /// A map's description, with a small picture.
 pub fn map_yaml(bytes: &[u8]) {
     let picture = b"P5\n3 2\n255\n\x00\xfe\xcd\x00\xfe\xcd";
-    with_files(&[("map.yaml", bytes), ("map.pgm", picture)], |folder| drop(read_map(&folder.join("map.yaml"))));
+    if let Ok(description) = std::str::from_utf8(bytes) {
+        drop(parse_map(Path::new("map.yaml"), description, |_| Ok(picture.to_vec())));
+    }
 }
 
 /// A map's picture.
 pub fn pgm(bytes: &[u8]) {
-    let description = b"image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0.3]\n";
-    with_files(&[("map.yaml", description), ("map.pgm", bytes)], |folder| drop(read_map(&folder.join("map.yaml"))));
+    let description = "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0.3]\n";
+    drop(parse_map(Path::new("map.yaml"), description, |_| Ok(bytes.to_vec())));
 }
 
 /// A picture.

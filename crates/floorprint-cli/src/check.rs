@@ -61,7 +61,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         let (told, outcome) = check(&arguments.path, &options, &arguments.settings)?;
         if arguments.json {
             writeln!(out, "{}", serde_json::to_string_pretty(&told)?)?;
-        } else {
+        } else if !told.is_empty() || outcome.is_ok() {
             print(&told, &arguments.path.display().to_string(), false, &mut out)?;
         }
         outcome
@@ -79,9 +79,11 @@ fn check(path: &Path, options: &OpenOptions, settings: &Settings) -> anyhow::Res
     let symptoms = examine(&data_set.records, &config);
     let told = symptoms.iter().map(Told::of).collect();
     if data_set.scans().next().is_none() {
-        let topics =
-            data_set.bag.as_ref().map_or(String::new(), |bag| format!("; its topics: {}", bag.list_of_topics()));
-        return Ok((told, Err(anyhow!("no map can be made of {}: it holds no scan{topics}", path.display()))));
+        let found = match &data_set.bag {
+            Some(bag) => format!("it holds no scan; its topics: {}", bag.list_of_topics()),
+            None => "there is no LiDAR and so no map, only dead reckoning".to_owned(),
+        };
+        return Ok((told, Err(anyhow!("{}: {found}", path.display()))));
     }
     let is_hopeless = symptoms.iter().any(|symptom| symptom.severity() == Severity::Fatal);
     Ok((told, Ok(if is_hopeless { Outcome::Failed } else { Outcome::Fine })))

@@ -1,5 +1,6 @@
-//! Ctrl-C: the first one asks for an orderly end, the second one ends at once.
+//! Ctrl-C: the first one asks for an orderly end, the second one ends at once. So does the first where nothing would be lost.
 
+use floorprint::StopSignal;
 use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,11 +14,12 @@ pub(crate) struct Interrupt(Arc<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    requested: AtomicBool,
+    requested: StopSignal,
     /// When that was.
     since: OnceLock<Instant>,
     unfinished: OnceLock<PathBuf>,
     is_finishing: AtomicBool,
+    is_preparing: AtomicBool,
     waker: Waker,
 }
 
@@ -37,7 +39,12 @@ impl Interrupt {
         let interrupt = Self::default();
         let heard = interrupt.clone();
         // Where no handler can be set, Ctrl-C ends the program as it always does.
-        let _ = ctrlc::set_handler(move || heard.request());
+        let _ = ctrlc::set_handler(move || {
+            if heard.0.is_preparing.load(Ordering::SeqCst) {
+                heard.end();
+            }
+            heard.request();
+        });
         interrupt
     }
 
@@ -62,6 +69,11 @@ impl Interrupt {
         }
     }
 
+    /// Whether there is nothing yet that would be lost by an end at once.
+    pub(crate) fn is_preparing(&self, is_preparing: bool) {
+        self.0.is_preparing.store(is_preparing, Ordering::SeqCst);
+    }
+
     /// From now on the results are moved into place, which is not interrupted.
     pub(crate) fn is_finishing(&self) {
         self.0.is_finishing.store(true, Ordering::SeqCst);
@@ -72,15 +84,20 @@ impl Interrupt {
         if self.0.is_finishing.load(Ordering::SeqCst) {
             return;
         }
-        if self.0.requested.swap(true, Ordering::Relaxed) {
-            if let Some(folder) = self.0.unfinished.get() {
-                let _ = fs::remove_dir_all(folder);
-            }
-            floorprint_io::remove_unpacked();
-            std::process::exit(130);
+        if self.0.requested.give() {
+            self.end();
         }
         let _ = self.0.since.set(Instant::now());
         self.wake();
+    }
+
+    /// Ends the program; nothing unfinished is left.
+    fn end(&self) -> ! {
+        if let Some(folder) = self.0.unfinished.get() {
+            let _ = fs::remove_dir_all(folder);
+        }
+        floorprint_io::remove_unpacked();
+        std::process::exit(130);
     }
 
     /// How long ago the user asked to stop; none if he did not.
@@ -90,6 +107,11 @@ impl Interrupt {
 
     /// Whether to stop.
     pub(crate) fn requested(&self) -> bool {
-        self.0.requested.load(Ordering::Relaxed)
+        self.0.requested.is_given()
+    }
+
+    /// What tells work in the library to stop.
+    pub(crate) fn signal(&self) -> &StopSignal {
+        &self.0.requested
     }
 }

@@ -9,6 +9,7 @@ mod calibrate;
 mod check;
 mod compare;
 mod config;
+mod dead_reckon;
 mod demo;
 mod evaluate;
 mod figure;

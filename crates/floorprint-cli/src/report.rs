@@ -44,8 +44,9 @@ pub(crate) struct Report {
     pub(crate) partial: bool,
     /// The drive.
     pub(crate) drive: Drive,
-    /// The filter.
-    pub(crate) filter: FilterSummary,
+    /// The filter; absent without a LiDAR.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) filter: Option<FilterSummary>,
     /// Loop closures; absent when none were looked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) loops: Option<Loops>,
@@ -55,8 +56,9 @@ pub(crate) struct Report {
     /// Where the robot was carried elsewhere; absent when it was not.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub(crate) kidnappings: Vec<Kidnapped>,
-    /// The map.
-    pub(crate) map: MapSummary,
+    /// The map; absent without a LiDAR.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) map: Option<MapSummary>,
     /// The floor; absent when it was not painted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) texture: Option<TextureSummary>,
@@ -222,6 +224,7 @@ impl Report {
         let dropped = dropped(data_set, solution);
         let lost: usize = dropped.iter().map(|dropped| dropped.count).sum();
         let images = data_set.images.as_ref().map_or(0, |images| images.depth.len() + images.color.len());
+        let has_lidar = !solution.is_dead_reckoning();
         let readings = data_set.records.len() + images + data_set.dropped.total();
         Self {
             made: Made::now(),
@@ -237,11 +240,12 @@ impl Report {
             seed: config.seed,
             partial: solution.partial,
             drive: Drive::new(solution),
-            filter: FilterSummary::new(config, solution),
-            loops: config.loop_closure.enabled.then(|| Loops::new(&solution.closures, &solution.trajectory)),
+            filter: has_lidar.then(|| FilterSummary::new(config, solution)),
+            loops: (has_lidar && config.loop_closure.enabled)
+                .then(|| Loops::new(&solution.closures, &solution.trajectory)),
             uncertain: Certainty::of(&solution.uncertainties, &solution.trajectory),
             kidnappings: Kidnapped::all(&solution.kidnappings, &solution.trajectory),
-            map: MapSummary::new(map),
+            map: has_lidar.then(|| MapSummary::new(map)),
             texture: solution.floor.as_ref().map(|floor| TextureSummary {
                 resolution_m: floor.map.resolution_m,
                 painted_m2: floor.painted_m2(),

@@ -204,6 +204,7 @@ impl Task<'_> {
         self.mcap.map_or(Ok(()), mcap::check_place)?;
         let folder = RunFolder::create(self.out, Contents::Run, self.force)?;
         interrupt.removes(folder.path());
+        interrupt.is_preparing(true);
         for note in folder.notes() {
             terminal.warn(note);
         }

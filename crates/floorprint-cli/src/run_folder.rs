@@ -25,18 +25,22 @@ pub(crate) fn write(
     config: &Config,
     stopwatch: &mut Stopwatch,
 ) -> anyhow::Result<()> {
-    let files: [&(dyn Fn() -> anyhow::Result<()> + Sync); 9] = [
-        &|| Ok(write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?),
+    let files: [&(dyn Fn() -> anyhow::Result<()> + Sync); 5] = [
         &|| Ok(write_png(&folder.join("trajectories.png"), &with_trajectories(map, solution).into_picture())?),
         &|| Ok(write_file(&folder.join("trajectories.svg"), map_drawing(map, solution)?.as_bytes())?),
         &|| Ok(write_trajectory(&folder.join("trajectory.tum"), &solution.trajectory)?),
-        &|| Ok(write_trajectory(&folder.join("live.tum"), &as_known_then(solution))?),
-        &|| Ok(write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?),
         &|| Ok(write_kitti(&folder.join("trajectory.kitti"), &solution.trajectory)?),
-        &|| Ok(write_map(&folder.join("map.yaml"), map)?),
         &|| Ok(write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?),
     ];
-    files.par_iter().try_for_each(|write| write())?;
+    // What scans alone give; where there is no LiDAR dead reckoning is the trajectory.
+    let of_scans: [&(dyn Fn() -> anyhow::Result<()> + Sync); 4] = [
+        &|| Ok(write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?),
+        &|| Ok(write_map(&folder.join("map.yaml"), map)?),
+        &|| Ok(write_trajectory(&folder.join("live.tum"), &as_known_then(solution))?),
+        &|| Ok(write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?),
+    ];
+    let of_scans = if solution.is_dead_reckoning() { &of_scans[..0] } else { &of_scans };
+    files.par_iter().chain(of_scans).try_for_each(|write| write())?;
     if let Some(graph) = &solution.graph {
         write_g2o(&folder.join("graph.g2o"), &graph.clone().into())?;
     }

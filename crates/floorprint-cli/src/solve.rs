@@ -1,5 +1,6 @@
 //! From a data set to a trajectory, a map and a floor: the work that `run` and `demo` share.
 
+use crate::dead_reckon::{dead_reckon, is_without_lidar};
 use crate::interrupt::Interrupt;
 use crate::memory::StorageWatch;
 use crate::session_keeper::SessionKeeper;
@@ -28,7 +29,7 @@ use std::time::{Duration, Instant};
 pub struct Solution {
     /// What each step of the filter said.
     pub steps: Vec<StepReport>,
-    /// The body's pose at every scan; the first is the identity.
+    /// The body's pose at every scan; the first is the identity. Without a LiDAR at every reading of the odometry.
     pub trajectory: Vec<StampedPose>,
     /// Dead reckoning at every scan.
     pub odometry: Vec<StampedPose>,
@@ -70,6 +71,14 @@ pub struct Floor {
     pub nothing_new: usize,
     /// Images that were not used, by reason.
     pub skipped: BTreeMap<String, usize>,
+}
+
+impl Solution {
+    /// Whether there was no LiDAR: the trajectory is dead reckoning, and there is no map.
+    #[must_use]
+    pub fn is_dead_reckoning(&self) -> bool {
+        self.steps.is_empty() && !self.trajectory.is_empty()
+    }
 }
 
 impl Floor {
@@ -142,37 +151,35 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// … and no more than this.
 const AT_ONCE: usize = 2048;
 
-/// Runs the filter over a drive and paints the floor. The records are pushed by their stamps, or `as_they_come`.
+/// Runs the filter over a drive and paints the floor. The records are pushed by their stamps, or `as_they_come`. Without
+/// a LiDAR the drive is dead-reckoned.
 ///
 /// # Errors
 /// No frames can be made of the records; no scan shows anything; the camera's calibration cannot work.
 pub(crate) fn solve(
     data_set: &DataSet,
     config: &Config,
-    paint_floor: bool,
+    paints: bool,
     as_they_come: bool,
     around: &mut Surroundings<'_>,
 ) -> anyhow::Result<Solution> {
+    if is_without_lidar(data_set) {
+        return dead_reckon(data_set, config, paints, around);
+    }
     around.profiler.enter(Phase::Synchronise);
-    let explain = |error: OdometryError| match error {
-        OdometryError::NoScans { .. } => {
-            let topics =
-                data_set.bag.as_ref().map_or(String::new(), |bag| format!("; its topics: {}", bag.list_of_topics()));
-            anyhow!("{error}: a map needs {}{topics}", data_set.format.scans)
-        }
-        error => error.into(),
-    };
-    let mut frames = data_set.frames(config).map_err(explain)?;
+    let mut frames = data_set.frames(config).map_err(|error| explain(error, data_set))?;
     if as_they_come {
         frames = frames.in_order_of_arrival();
     }
     let mut earlier = around.earlier.take();
     let mut slam = Slam::new(config);
+    slam.stop_on(around.interrupt.signal());
     let (mut memory, mut storage) = (around.memory.take(), StorageWatch::default());
     let mut steps: Vec<StepReport> = Vec::with_capacity(frames.len());
     let mut refused = BTreeMap::new();
     let mut scan_times = ScanTimes::default();
     let progress = around.terminal.progress("solving", "scans", frames.len());
+    around.interrupt.is_preparing(false);
     let mut something_seen = false;
     let mut partial;
     let mut pass = frames.iter();
@@ -209,6 +216,7 @@ pub(crate) fn solve(
             let Some(mut frame) = pass.next() else { break };
             if let Some(earlier) = earlier.take() {
                 slam = earlier.resume(frame.stamp_s, config)?;
+                slam.stop_on(around.interrupt.signal());
                 // Nothing measured the motion between the two drives.
                 frame.motion = None;
             }
@@ -240,7 +248,7 @@ pub(crate) fn solve(
     }
     progress.finish_and_clear();
     if let Some(error) = pass.error() {
-        return Err(explain(error.clone()));
+        return Err(explain(error.clone(), data_set));
     }
     ensure!(
         something_seen || partial,
@@ -254,12 +262,9 @@ pub(crate) fn solve(
     let result = slam.finish_profiled(around.profiler);
     let finish_s = started.elapsed().as_secs_f64();
     storage.look(result.session.storage_trouble(), around.terminal)?;
-    let floor = match (&data_set.images, RgbdCamera::of(&config.robot)) {
-        (Some(images), Some(camera)) if paint_floor && !partial => {
-            around.profiler.enter(Phase::Texture);
-            Some(paint(images, camera, config, &pass.dead_reckoning(), &result.trajectory, around)?)
-        }
-        _ => None,
+    let floor = match paints && !partial {
+        true => paint_floor(data_set, config, &pass.dead_reckoning(), &result.trajectory, around)?,
+        false => None,
     };
     partial |= around.interrupt.requested();
     Ok(Solution {
@@ -284,6 +289,34 @@ pub(crate) fn solve(
         finish_s,
         partial,
     })
+}
+
+/// Why nothing can be made of a data set, with what it would need.
+pub(crate) fn explain(error: OdometryError, data_set: &DataSet) -> anyhow::Error {
+    match error {
+        OdometryError::NoScans { .. } => {
+            let topics =
+                data_set.bag.as_ref().map_or(String::new(), |bag| format!("; its topics: {}", bag.list_of_topics()));
+            anyhow!("{error}: a map needs {}{topics}", data_set.format.scans)
+        }
+        error => error.into(),
+    }
+}
+
+/// Paints the floor along a trajectory, where there are images and a camera that is calibrated.
+///
+/// # Errors
+/// The camera's calibration cannot work.
+pub(crate) fn paint_floor(
+    data_set: &DataSet,
+    config: &Config,
+    dead_reckoning: &DeadReckoning,
+    poses: &[StampedPose],
+    around: &mut Surroundings<'_>,
+) -> anyhow::Result<Option<Floor>> {
+    let Some((images, camera)) = data_set.images.as_ref().zip(RgbdCamera::of(&config.robot)) else { return Ok(None) };
+    around.profiler.enter(Phase::Texture);
+    paint(images, camera, config, dead_reckoning, poses, around).map(Some)
 }
 
 /// Paints the floor from the images, read as they are needed.

@@ -2,6 +2,7 @@
 
 use crate::check;
 use crate::config::Settings;
+use crate::dead_reckon::is_without_lidar;
 use crate::interrupt::Interrupt;
 use crate::mcap;
 use crate::report::Report;
@@ -14,7 +15,7 @@ use crate::stopwatch::Stopwatch;
 use crate::terminal::Terminal;
 use crate::truth::TruthFiles;
 use crate::watcher::Watcher;
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use floorprint::doctor;
 use floorprint::front_end::FilterKind;
 use floorprint::map::{Occupancy, Raster};
@@ -30,7 +31,7 @@ pub struct Solved {
     pub config: Config,
     /// Trajectory, steps, closures, session, floor.
     pub solution: Solution,
-    /// The occupancy map; one unknown cell where nothing was seen.
+    /// The occupancy map; one unknown cell where nothing was seen, and unknown ground around the trajectory without a LiDAR.
     pub map: Raster<Occupancy>,
     pub(crate) report: Report,
     input_sha256: String,
@@ -99,20 +100,24 @@ impl Task<'_> {
         if let Some(arrival) = &self.arrival {
             data_set.records = arrival.of(data_set.records, config.seed);
         }
+        let has_lidar = !is_without_lidar(&data_set);
+        if let (Some(path), false) = (self.mcap, has_lidar) {
+            bail!("--mcap {}: there is no LiDAR, and what is written there are its scans", path.display());
+        }
         let earlier = match self.earlier {
             Some((path, start)) => Some(Earlier { session: SessionFile::open(path)?.load()?, start }),
             None => None,
         };
         let annotations = self.earlier.map(|(path, _)| SessionFile::read_annotations(path)).transpose()?;
         let mut keeper = beside
-            .filter(|_| keeps_session(&config))
+            .filter(|_| has_lidar && keeps_session(&config))
             .map(|out| SessionKeeper::beside(out, terminal, notes(&config, &data_set.input_hash)))
             .map(|keeper| keeper.every(self.work.save_every()));
         // What people said of the map stays true where it is gone on with.
         if let (Some(keeper), Some(annotations)) = (&mut keeper, annotations.filter(|all| !all.is_empty())) {
             keeper.annotate(&annotations);
         }
-        let mut snapshots = self.work.snapshots();
+        let mut snapshots = self.work.snapshots().filter(|_| has_lidar);
         let mut around = Surroundings {
             terminal,
             interrupt,
@@ -137,7 +142,11 @@ impl Task<'_> {
         }
 
         stopwatch.enter(Phase::Evaluate);
-        let map = solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m));
+        let map = if solution.is_dead_reckoning() {
+            unknown_ground(&solution.trajectory)
+        } else {
+            solution.map.to_raster().unwrap_or_else(|| nothing_seen(config.map.resolution_m))
+        };
         if let Some(path) = self.mcap {
             let _writing = terminal.busy("writing");
             let frames = data_set.frames(&config)?;
@@ -146,7 +155,7 @@ impl Task<'_> {
         }
         let mut report = Report::new(self.path, &data_set, self.settings.preset.name(), &config, &solution, &map);
         report.notes.extend(symptoms.iter().map(check::sentence));
-        if map.resolution_m > config.map.resolution_m {
+        if map.resolution_m > config.map.resolution_m && !solution.is_dead_reckoning() {
             report.notes.push(format!(
                 "what was seen lies so far apart that the map is drawn in cells of {} m instead of {} m",
                 map.resolution_m, config.map.resolution_m
@@ -199,7 +208,7 @@ impl Solved {
     /// The folder exists, unless it holds a run and is `replaced`; it cannot be written.
     pub fn save(&mut self, out: &Path, replace: bool) -> anyhow::Result<()> {
         let folder = RunFolder::create(out, Contents::Run, replace)?;
-        if keeps_session(&self.config) {
+        if keeps_session(&self.config) && !self.solution.is_dead_reckoning() {
             let terminal = Terminal::new(true);
             self.keeper = Some(SessionKeeper::beside(out, &terminal, notes(&self.config, &self.input_sha256)));
         }
@@ -241,6 +250,23 @@ pub(crate) fn keeps_session(config: &Config) -> bool {
 /// What is noted in the session's file.
 fn notes(config: &Config, input_sha256: &str) -> Vec<(&'static str, String)> {
     vec![("config", config.to_toml()), ("input_sha256", input_sha256.to_owned())]
+}
+
+/// Unknown ground around a path, for drawing it where there is no map.
+pub(crate) fn unknown_ground(path: &[StampedPose]) -> Raster<Occupancy> {
+    const SMALLEST_CELL_M: f64 = 0.05;
+    const MOST_CELLS: f64 = 500.0;
+    let (mut low_m, mut high_m) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for StampedPose { pose, .. } in path {
+        for (axis, position_m) in [pose.x, pose.y].into_iter().enumerate() {
+            low_m[axis] = low_m[axis].min(position_m);
+            high_m[axis] = high_m[axis].max(position_m);
+        }
+    }
+    let size_m = [high_m[0] - low_m[0], high_m[1] - low_m[1]];
+    let resolution_m = (size_m[0].max(size_m[1]) / MOST_CELLS).max(SMALLEST_CELL_M);
+    let [width, height] = size_m.map(|length_m| 1 + (length_m / resolution_m) as usize);
+    Raster { width, height, resolution_m, origin_m: low_m, cells: vec![Occupancy::Unknown; width * height] }
 }
 
 /// A map of a drive on which nothing was seen: one cell, unknown.

@@ -22,16 +22,12 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
     let width = width().unwrap_or(usize::MAX);
     let mut line =
         |name: &str, text: String| writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", wrapped(&text, NAME, width));
-    line(
-        "drive",
-        format!(
-            "{:.1} m in {:.1} s, {} of {}",
-            drive.length_m,
-            drive.duration_s,
-            drive.poses,
-            counted(drive.scans, "scan")
-        ),
-    )?;
+    let poses = if report.map.is_some() {
+        format!("{} of {}", drive.poses, counted(drive.scans, "scan"))
+    } else {
+        format!("{} by dead reckoning", counted(drive.poses, "pose"))
+    };
+    line("drive", format!("{:.1} m in {:.1} s, {poses}", drive.length_m, drive.duration_s))?;
     let errors = &report.errors;
     for (name, error) in [("trajectory", &errors.trajectory), ("odometry", &errors.odometry)] {
         if let Some(error) = error {
@@ -57,12 +53,12 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
             )?;
         }
     }
-    let filter = &report.filter;
-    if let Some(scale) = filter.odometry_scale.filter(|scale| (scale - 1.0).abs() > WORTH_TELLING) {
+    let odometry_scale = report.filter.as_ref().and_then(|filter| filter.odometry_scale);
+    if let Some(scale) = odometry_scale.filter(|scale| (scale - 1.0).abs() > WORTH_TELLING) {
         let off = if scale < 1.0 { "long" } else { "short" };
         line("odometry", format!("reads {:.1} % too {off}; corrected for", 100.0 * (1.0 / scale - 1.0).abs()))?;
     }
-    if filter.odometry_rejections > 0 {
+    if let Some(filter) = report.filter.as_ref().filter(|filter| filter.odometry_rejections > 0) {
         line(
             "conflicts",
             format!(
@@ -81,11 +77,12 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
     for kidnapped in &report.kidnappings {
         line("robot", kidnapped.in_words())?;
     }
-    let map = &report.map;
-    let quality = errors.map.map_or(String::new(), |quality| {
-        format!(", F1 {:.4} (precision {:.4}, recall {:.4})", quality.f1, quality.precision, quality.recall)
-    });
-    line("map", format!("{}×{} cells, {:.1} m² free{quality}", map.size_cells[0], map.size_cells[1], map.free_m2))?;
+    if let Some(map) = &report.map {
+        let quality = errors.map.map_or(String::new(), |quality| {
+            format!(", F1 {:.4} (precision {:.4}, recall {:.4})", quality.f1, quality.precision, quality.recall)
+        });
+        line("map", format!("{}×{} cells, {:.1} m² free{quality}", map.size_cells[0], map.size_cells[1], map.free_m2))?;
+    }
     if let Some(texture) = &report.texture {
         let error = errors.texture.map_or(String::new(), |error| {
             let coverage =

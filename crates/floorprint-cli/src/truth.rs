@@ -95,7 +95,9 @@ impl TruthFiles {
             let truth = read_trajectory(path)?;
             let options = TrajectoryErrorOptions::default();
             errors.trajectory = noted(TrajectoryError::new(&solution.trajectory, &truth, &options), notes);
-            errors.odometry = noted(TrajectoryError::new(&solution.odometry, &truth, &options), notes);
+            if !solution.is_dead_reckoning() {
+                errors.odometry = noted(TrajectoryError::new(&solution.odometry, &truth, &options), notes);
+            }
             errors.true_trajectory = truth;
         } else if let Some(truth) = data_set.bag.as_ref().and_then(|bag| bag.truth.as_ref()) {
             compare_with_recorded(truth, solution, &mut errors, notes);
@@ -106,7 +108,7 @@ impl TruthFiles {
             errors.odometry_relations = RelationReport::new(&solution.odometry, &relations).ok();
         }
         let true_map = self.map.as_deref().map(read_map).transpose()?;
-        if let Some(truth) = &true_map {
+        if let Some(truth) = true_map.as_ref().filter(|_| !solution.is_dead_reckoning()) {
             errors.map = noted(MapQuality::new(map, truth, &MapQualityOptions::default()), notes);
         }
         if let (Some(path), Some(floor)) = (&self.floor, &solution.floor) {

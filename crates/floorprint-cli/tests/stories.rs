@@ -284,6 +284,49 @@ fn a_drive_without_camera_or_imu_is_solved_and_that_is_said() {
     assert!(!out.join("texture.png").exists());
 }
 
+#[test]
+fn a_drive_without_a_lidar_is_dead_reckoned_and_has_no_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let (blind, out) = (folder.path().join("blind"), folder.path().join("out"));
+    fs::create_dir(&blind).unwrap();
+    for name in ["Encoders1.npz", "Imu1.npz", "Kinect1.npz", "truth.tum", "truth_map.yaml", "truth_map.pgm"] {
+        fs::copy(Path::new(&drive()).join(name), blind.join(name)).unwrap();
+    }
+    let blind = blind.to_str().unwrap();
+    let sentence = "there is no LiDAR and so no map, only dead reckoning";
+    let said = run(blind, &out, &["--snapshots", "10"]);
+    assert_eq!(text(&said.stderr).matches(sentence).count(), 1, "{}", text(&said.stderr));
+    assert!(text(&said.stdout).contains("poses by dead reckoning") && !text(&said.stdout).contains("map"));
+    let mut names: Vec<_> = fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    let expected = ["config.toml", "report.html", "report.json", "trajectories.png", "trajectories.svg"];
+    assert_eq!(names, [&expected[..], &["trajectory.kitti", "trajectory.tum"]].concat());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2, "nothing is left beside the results");
+    let report = report(&out);
+    assert!(report.get("map").is_none() && report.get("filter").is_none() && report.get("loops").is_none());
+    assert_eq!(report["drive"]["odometry"], "wheels_and_gyro");
+    assert!(report["errors"].get("map").is_none(), "{}", report["errors"]);
+    assert!(report["errors"]["trajectory"]["translation_m"]["rmse"].as_f64().unwrap() < 1.0);
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("no LiDAR: dead reckoning, no map") && !page.contains("map.png"));
+
+    assert!(text(&floorprint(&["info", blind]).stdout).contains(sentence));
+    let checked = floorprint(&["check", blind]);
+    assert_eq!(checked.status.code(), Some(1), "there can be no map");
+    assert!(text(&checked.stderr).contains(sentence), "{}", text(&checked.stderr));
+    // What shows or compares runs takes this one, too.
+    let (out, picture) = (out.to_str().unwrap(), folder.path().join("plot.svg"));
+    assert_eq!(floorprint(&["plot", out, "--out", picture.to_str().unwrap()]).status.code(), Some(0));
+    let page = folder.path().join("compare.html");
+    assert_eq!(floorprint(&["compare", out, out, "--out", page.to_str().unwrap()]).status.code(), Some(0));
+    // What needs scans says so before any work.
+    let more = folder.path().join("more");
+    let refused = |extra: &[&str]| failure(&[&["run", blind, "--out", more.to_str().unwrap()], extra].concat(), 1);
+    assert!(refused(&["--mcap", more.with_extension("mcap").to_str().unwrap()]).contains("there is no LiDAR"));
+    fs::remove_file(Path::new(blind).join("Encoders1.npz")).unwrap();
+    assert!(refused(&[]).contains("a map needs a HokuyoN.npz"));
+}
+
 /// Once the robot comes by places that it knows, once the drive ends before that.
 #[test]
 fn a_robot_that_was_carried_elsewhere_is_said_to_be_and_where_it_was_found() {
@@ -649,6 +692,57 @@ fn ctrl_c_keeps_what_was_computed_and_marks_it() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let left = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
     assert_eq!(left.filter(|name| name != "out").count(), 0, "an end at once leaves nothing unfinished");
+}
+
+/// Whatever a run is at: reading, looking for a robot that was carried elsewhere, fitting all scans to each other, writing.
+#[cfg(unix)]
+#[test]
+fn a_run_is_stopped_soon_at_any_moment_and_leaves_whole_results_or_none() {
+    use nix::sys::signal::{Signal, kill};
+    use nix::unistd::Pid;
+    use std::time::{Duration, Instant};
+    let folder = tempfile::tempdir().unwrap();
+    let (carried, out) = (folder.path().join("carried"), folder.path().join("out"));
+    let settings = folder.path().join("carried.toml");
+    let faults = "[[faults]]\nkidnapping = { at_s = 28.0, ahead_m = -8.0 }\n";
+    fs::write(&settings, format!("camera.rate_hz = 0.0\n[lidar]\nbeams = 361\n{faults}")).unwrap();
+    let [settings, carried] = [&settings, &carried].map(|path| path.to_str().unwrap());
+    let made = floorprint(&["simulate", "--seed", "1", "--config", settings, "--out", carried, "-q"]);
+    assert_eq!(made.status.code(), Some(0), "{}", text(&made.stderr));
+    let start = || {
+        let _ = fs::remove_dir_all(&out);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_floorprint"));
+        command.args(["run", carried, "-q", "--out"]).arg(&out).stderr(std::process::Stdio::null());
+        (command.spawn().unwrap(), Instant::now())
+    };
+    let (mut whole, started) = start();
+    assert_eq!(whole.wait().unwrap().code(), Some(0));
+    let takes = started.elapsed();
+    for part in [0.05, 0.3, 0.6, 0.8, 0.9, 0.95, 0.98] {
+        let (mut child, _) = start();
+        std::thread::sleep(takes.mul_f64(part));
+        let _ = kill(Pid::from_raw(i32::try_from(child.id()).unwrap()), Signal::SIGTERM);
+        let told = Instant::now();
+        let code = child.wait().unwrap().code();
+        // Drawing and writing what there is takes a part of the whole.
+        let most = Duration::from_secs(1) + takes / 2;
+        assert!(told.elapsed() < most, "{part}: {:?} of {takes:?}", told.elapsed());
+        // A handler that is not set yet stops nothing: then a signal ends the program.
+        assert!(matches!(code, Some(0 | 130) | None), "{part}: {code:?}");
+        if out.exists() {
+            let report = report(&out);
+            let poses = fs::read_to_string(out.join("trajectory.tum")).unwrap().lines().count() as u64;
+            assert_eq!(report["drive"]["poses"].as_u64(), Some(poses), "{part}");
+            assert_eq!(report["partial"] == true, code == Some(130), "{part}: {code:?}");
+        }
+        if code.is_some() {
+            let names =
+                fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+            let left: Vec<_> =
+                names.filter(|name| !["carried", "carried.toml", "out"].contains(&name.as_str())).collect();
+            assert!(left.is_empty(), "{part}: {left:?}");
+        }
+    }
 }
 
 #[cfg(unix)]

@@ -5,7 +5,7 @@ use crate::error::{Problem, ReadError};
 use crate::format::{self, Format};
 use crate::images::ImageIndex;
 use crate::ros::LiveSession;
-use crate::source::{InputHash, Source, is_archive};
+use crate::source::{FileSource, InputHash, Source, is_archive};
 use crate::unpack::{STANDARD_INPUT, Unpacked};
 use floorprint::odometry::OdometryError;
 use floorprint::sensors::{Record, RobotConfig, Scan, StampedPose};
@@ -192,6 +192,19 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<DataSet, ReadError> {
     Ok(DataSet { input_hash, unpacked: Some(unpacked.around(data_set.unpacked)), ..data_set })
 }
 
+/// Opens a log whose bytes are at hand, gzipped or not; `name` stands for its path in messages.
+///
+/// # Errors
+/// As [`open`]. Recordings of ROS are read where they lie, and archives unpacked there: neither can be opened so.
+pub fn open_log(name: &Path, bytes: Vec<u8>, options: &OpenOptions) -> Result<DataSet, ReadError> {
+    let source = Source::File(FileSource::new(name, bytes)?);
+    let format = format::recognise(&source)?;
+    if format.has_topics {
+        return Err(Problem::new(name, format.description).expected("a log").into());
+    }
+    format.read(&source, options)
+}
+
 /// What has to be put somewhere before it can be read.
 fn unpack(path: &Path, options: &OpenOptions) -> Result<Option<Unpacked>, ReadError> {
     if path == Path::new(STANDARD_INPUT) {
@@ -335,5 +348,25 @@ impl DropCounts {
     #[must_use]
     pub fn total(&self) -> usize {
         self.0.values().sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_is_the_same_out_of_memory_and_from_disk() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("drive.clf");
+        let log = b"FLASER 3 2.0 2.0 2.0 0 0 0 0 0 0 1.0 host 1.0\n";
+        std::fs::write(&path, log).unwrap();
+        let options = OpenOptions::default();
+        let [from_disk, of_memory] =
+            [open(&path, &options), open_log(&path, log.to_vec(), &options)].map(Result::unwrap);
+        assert_eq!(format!("{:?}", from_disk.records), format!("{:?}", of_memory.records));
+        assert_eq!((from_disk.input_hash, from_disk.notes), (of_memory.input_hash, of_memory.notes));
+        let refused = open_log(&path, b"#ROSBAG V2.0\n".to_vec(), &options).unwrap_err().to_string();
+        assert!(refused.contains("expected a log"), "{refused}");
     }
 }

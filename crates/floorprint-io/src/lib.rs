@@ -40,7 +40,7 @@ pub use annotations::{AnnotationError, Annotations, NamedPlace};
 pub use budget::USUAL_EXPANSION;
 pub use data_set::{
     BagContents, DataSet, DriveEntry, DropCounts, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice,
-    TopicSummary, drives, lone_recording, open,
+    TopicSummary, drives, lone_recording, open, open_log,
 };
 pub use ece276a_writer::write_ece276a;
 pub use error::{Problem, ReadError, WriteError};
@@ -50,7 +50,7 @@ pub use format::Format;
 pub use g2o::{G2o, read_g2o, write_g2o};
 pub use geotiff::{write_floor_geotiff, write_map_geotiff};
 pub use images::{ImageEntry, ImageIndex, LoadedPair};
-pub use map_file::{map_bytes, read_map, write_map, write_raw_map, write_scaled_map};
+pub use map_file::{map_bytes, parse_map, read_map, write_map, write_raw_map, write_scaled_map};
 pub use mcap_writer::{McapWriter, write_mcap};
 pub use picture::{Picture, Pixels, png_bytes, read_png, write_animated_png, write_png};
 pub use regular_file::read_text;

@@ -103,9 +103,22 @@ pub fn write_raw_map(path: &Path, map: &Raster<Option<f64>>) -> Result<(), Write
 pub fn read_map(path: &Path) -> Result<Raster<Occupancy>, ReadError> {
     let is_picture = path.extension().is_some_and(|ending| ending == "pgm" || ending == "png");
     let path = if is_picture { path.with_extension("yaml") } else { path.to_path_buf() };
-    let description = Description::parse(&path, &read_text(&path)?)?;
+    let text = read_text(&path)?;
+    parse_map(&path, &text, read_regular)
+}
+
+/// A map out of its description, the text of the YAML file at `path`; `picture` gives the bytes of the picture that it names.
+///
+/// # Errors
+/// As [`read_map`]; whatever `picture` says.
+pub fn parse_map(
+    path: &Path,
+    description: &str,
+    picture: impl FnOnce(&Path) -> Result<Vec<u8>, ReadError>,
+) -> Result<Raster<Occupancy>, ReadError> {
+    let description = Description::parse(path, description)?;
     let picture_path = path.with_file_name(&description.image);
-    let bytes = read_regular(&picture_path)?;
+    let bytes = picture(&picture_path)?;
     let (width, height, cells) = description
         .cells(&bytes)
         .map_err(|found| Problem::new(&picture_path, found).expected("a whole picture (PGM or PNG)"))?;

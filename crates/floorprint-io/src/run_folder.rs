@@ -116,6 +116,18 @@ impl Contents {
     }
 }
 
+/// Whether this process may put files into a folder and remove them.
+#[cfg(unix)]
+fn may_change(folder: &Path) -> bool {
+    use nix::unistd::{AccessFlags, access};
+    access(folder, AccessFlags::W_OK | AccessFlags::X_OK).is_ok()
+}
+
+#[cfg(not(unix))]
+fn may_change(_folder: &Path) -> bool {
+    true
+}
+
 /// The name that a file gets when it is whole, of its own one or of that while it is written.
 fn finished_name(name: &str) -> String {
     let (folder, file) = name.rsplit_once('/').unwrap_or(("", name));
@@ -200,6 +212,11 @@ impl RunFolder {
         };
         fs::create_dir_all(parent).map_err(|error| WriteError::io(parent, &error))?;
         folder.claim()?;
+        if !may_change(&folder.unfinished) {
+            folder.is_claimed = false;
+            let found = format!("a folder of another user is in the way: {}", folder.unfinished.display());
+            return Err(Problem::new(&target, found).advice("Choose another folder").into());
+        }
         folder.recover(parent)?;
         match folder.obstacle().map_err(|error| WriteError::io(&target, &error))? {
             Some(problem) => Err(problem.into()),
@@ -441,6 +458,12 @@ impl RunFolder {
             return Ok(problem(
                 &format!("it holds an earlier {kind}"),
                 "Choose another folder, or replace it with --force",
+            ));
+        }
+        if !may_change(target) {
+            return Ok(problem(
+                &format!("it holds an earlier {kind} that you may not remove"),
+                "Choose another folder",
             ));
         }
         self.foreign_in(target)

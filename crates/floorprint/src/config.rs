@@ -16,7 +16,7 @@ pub use options::{Choice, ConfigOption, Kind, Range, find_options, json_schema, 
 pub use preset::Preset;
 
 use crate::back_end::LoopClosureConfig;
-use crate::front_end::{FilterConfig, GrisettiConfig};
+use crate::front_end::{FilterConfig, FilterKind, GrisettiConfig};
 use crate::localization::LocalizationConfig;
 use crate::map::MapConfig;
 use crate::motion_model::MotionConfig;
@@ -116,6 +116,14 @@ impl Config {
                 adaptive.least, adaptive.most
             )));
         }
+        let (most, with_maps) = (self.filter.most_particles(), FilterConfig::MOST_WITH_MAPS);
+        if self.filter.kind != FilterKind::SharedMap && most > with_maps {
+            let key = if adaptive.enabled { "filter.adaptive.most" } else { "filter.particles" };
+            return Err(ConfigError::Contradiction(format!(
+                "`{key}` is {most}, expected at most {with_maps} where each particle has a map of its own: a thousand take \
+                 half a gigabyte and a tenth of a second or more for each scan (only filter.kind = \"shared_map\" takes more)"
+            )));
+        }
         let kinect = self.robot.camera.as_ref().map(|camera| ("camera", camera.depth_min_m, camera.depth_max_m));
         let other = self.robot.depth_camera.as_ref();
         let other = other.map(|camera| ("depth_camera", camera.depth_min_m, camera.depth_max_m));
@@ -186,6 +194,16 @@ mod tests {
         assert!(error_of("map.hit_log_odds = 0").contains("expected a number > 0"));
         assert!(error_of("map.resolution_m = nan").contains("`map.resolution_m` is nan"));
         assert!(error_of("filter.resample_below = 1.5").contains("from 0 to 1"));
+    }
+
+    #[test]
+    fn maps_of_thousands_of_particles_are_refused_with_what_they_would_cost() {
+        assert!(error_of("filter.particles = 1001").contains("expected at most 1000 where each particle has a map"));
+        let adaptive = "filter.adaptive = { enabled = true, most = 5000 }";
+        assert!(error_of(adaptive).starts_with("`filter.adaptive.most` is 5000"));
+        for fine in ["filter.particles = 1000", "filter = { particles = 100000, kind = \"shared_map\" }"] {
+            Config::resolve(&[Layer::from_toml("my.toml", fine).unwrap()]).unwrap();
+        }
     }
 
     #[test]

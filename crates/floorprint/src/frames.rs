@@ -42,7 +42,42 @@ impl<'a, R: Records + ?Sized> Frames<'a, R> {
     /// As [`new`](Frames::new).
     pub fn of(records: &'a R, config: &Config) -> Result<Self, OdometryError> {
         let readings = Readings::of(records);
-        let survey = Survey::of_readings(records, &readings, config)?;
+        readings.check_scans()?;
+        Self::of_readings(records, &readings, config)
+    }
+
+    /// Dead reckoning of a drive without a LiDAR: the body's pose at each reading of the odometry, the first of which is
+    /// the identity; with what was used, dropped and noticed.
+    ///
+    /// # Errors
+    /// When there is no odometry either, when the odometry asked for cannot be made from these records, or when a
+    /// setting of `[scan]`, `[odometry]` or `[robot]` cannot work.
+    pub fn without_scans(
+        records: &'a R,
+        config: &Config,
+    ) -> Result<(Vec<StampedPose>, SynchronisationSummary), OdometryError> {
+        let readings = Readings::of(records);
+        let frames = Self::of_readings(records, &readings, config)?;
+        let mut pass = frames.iter();
+        if let Some(synchronizer) = pass.synchronizer() {
+            synchronizer.expect_no_scan(readings.choose_source(config)?);
+        }
+        pass.by_ref().for_each(drop);
+        if let Some(error) = pass.error() {
+            return Err(error.clone());
+        }
+        let start = pass.path.first().ok_or(OdometryError::NoScans { found: 0 })?.pose;
+        let mut poses: Vec<StampedPose> =
+            DeadReckoning::new(pass.path.iter().copied()).seen_from(&start).knots().collect();
+        // Of two poses at one time the later one holds: readings came at the same time, or were stamped backwards.
+        poses.reverse();
+        poses.dedup_by_key(|stamped| stamped.stamp_s);
+        poses.reverse();
+        Ok((poses, pass.summary()))
+    }
+
+    fn of_readings(records: &'a R, readings: &Readings, config: &Config) -> Result<Self, OdometryError> {
+        let survey = Survey::of_readings(records, readings, config)?;
         let (corrections, findings) = match config.odometry.survey {
             true => (Some(survey.corrections), survey.findings),
             false => (None, Vec::new()),
@@ -289,6 +324,41 @@ mod tests {
     #[test]
     fn no_scan_is_an_error() {
         assert_eq!(Frames::new(&[], &config()).err(), Some(OdometryError::NoScans { found: 0 }));
+    }
+
+    #[test]
+    fn without_a_lidar_there_is_dead_reckoning_by_whatever_odometry_there_is() {
+        let arc = |k: u32| {
+            let stamp_s = f64::from(k) * 0.025;
+            // Half a metre a second, and a tenth of a radian.
+            let (left, right) = (0.0125 - 0.000_625, 0.0125 + 0.000_625);
+            (stamp_s, ticks(stamp_s, left / M_PER_TICK, right / M_PER_TICK))
+        };
+        let stated = |k: u32| {
+            let pose =
+                Pose2::new(7.0, 8.0, 1.0).compose(&Pose2::exp([0.0125, 0.0, 0.0025].map(|rate| f64::from(k) * rate)));
+            Record::Odometry(StampedPose { stamp_s: f64::from(k) * 0.025, pose })
+        };
+        let wheels: Vec<Record> = (0..=800).map(|k| arc(k).1).collect();
+        let with_gyro: Vec<Record> = (0..=800).flat_map(|k| [arc(k).1, gyro(arc(k).0, 0.1)]).collect();
+        let log: Vec<Record> = (0..=800).map(stated).collect();
+        for (records, source) in
+            [(wheels, OdometrySource::Wheels), (with_gyro, OdometrySource::WheelsAndGyro), (log, OdometrySource::Log)]
+        {
+            for survey in [true, false] {
+                let mut config = config();
+                config.odometry.survey = survey;
+                let (poses, summary) = Frames::without_scans(records.as_slice(), &config).unwrap();
+                assert_eq!((summary.source, summary.scans), (source, 0));
+                assert_eq!(poses[0].pose, Pose2::IDENTITY);
+                assert!(poses.len() >= 800 && poses.windows(2).all(|pair| pair[0].stamp_s < pair[1].stamp_s));
+                let last = poses[poses.len() - 1];
+                let truth = Pose2::exp([10.0, 0.0, 2.0]);
+                assert!(last.pose.between(&truth).distance() < 0.05, "{source:?} {survey} {last:?}");
+            }
+        }
+        let nothing = Frames::without_scans([gyro(0.0, 0.0), gyro(1.0, 0.0)].as_slice(), &config());
+        assert_eq!(nothing.err(), Some(OdometryError::NoScans { found: 0 }));
     }
 
     #[test]

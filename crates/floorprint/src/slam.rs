@@ -15,6 +15,7 @@ use crate::profiler::{NoProfiler, Phase, Profiler};
 use crate::scan_matcher::MatcherConfig;
 use crate::sensors::StampedPose;
 use crate::session::{Renderer, Session, SessionError, SessionMemory};
+use crate::stop_signal::StopSignal;
 use crate::storage::{StorageTrouble, Store};
 use crate::surface::SurfaceScan;
 use nalgebra::Matrix3;
@@ -91,6 +92,7 @@ pub struct Slam {
     matcher: MatcherConfig,
     /// The session's poses are final up to this frame; from there on the front end may still change them.
     settled: usize,
+    stop: StopSignal,
 }
 
 impl Slam {
@@ -108,6 +110,7 @@ impl Slam {
             loop_closure: config.loop_closure.clone(),
             matcher: config.matcher.clone(),
             settled: 0,
+            stop: StopSignal::default(),
         }
     }
 
@@ -201,11 +204,12 @@ impl Slam {
         let step = self.front_end.process(frame, None, profiler);
         // 2. Remember, close loops, and place the front end's frame in the world.
         profiler.enter(Phase::LoopClosure);
-        let Self { front_end, session, back_end, settled, .. } = self;
+        let Self { front_end, session, back_end, settled, stop, .. } = self;
         let tracked = Tracked::of(frame, step, front_end, back_end.is_some());
+        let back_end = back_end.as_mut().filter(|_| !stop.is_given());
         let poses_since = |frame: usize| front_end.poses_since(frame);
         let settled_before = *settled;
-        let report = remember(tracked, poses_since, session, back_end.as_mut(), settled);
+        let report = remember(tracked, poses_since, session, back_end, settled);
         if *settled != settled_before {
             front_end.forget_poses_before(*settled);
         }
@@ -218,6 +222,12 @@ impl Slam {
         self.session.set_poses(self.settled, &self.front_end.poses_since(self.settled));
         self.session.set_front_end(self.front_end.state());
         &self.session
+    }
+
+    /// Once the signal is given, no more loops are closed, and [`finish`](Self::finish) leaves out what is left of its work:
+    /// the trajectory is as it is known then, and the map is drawn along it.
+    pub fn stop_on(&mut self, signal: &StopSignal) {
+        self.stop = signal.clone();
     }
 
     /// From now on at most about so many bytes of the session's settled parts lie in memory, and the others in a store; see
@@ -289,7 +299,7 @@ impl Slam {
         profiler.enter(Phase::LoopClosure);
         let _ = self.session();
         if let Some(back_end) = self.back_end.take() {
-            self.session.finish(back_end, self.loop_closure.refinements, &self.matcher);
+            self.session.finish(back_end, self.loop_closure.refinements, &self.matcher, &self.stop);
         }
         profiler.enter(Phase::Map);
         let map = self.front_end.drawn_map().cloned().unwrap_or_else(|| self.session.map());

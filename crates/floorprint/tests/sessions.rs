@@ -11,7 +11,7 @@ use floorprint::sensors::RobotConfig;
 use floorprint::session::{Region, Session, SessionMemory};
 use floorprint::simulator::{SimulatedDrive, World, simulate};
 use floorprint::storage::{StorageTrouble, Store, StoreError};
-use floorprint::{Config, Frame, Frames, Slam, SlamResult};
+use floorprint::{Config, Frame, Frames, Slam, SlamResult, StopSignal};
 use simulation::quick;
 use std::f64::consts::FRAC_PI_2;
 
@@ -54,6 +54,35 @@ impl Drive {
             .map(|pose| self.simulated.true_pose(pose.stamp_s).between(&pose.pose).distance());
         errors.fold(0.0, f64::max)
     }
+}
+
+/// Loops are closed until the signal is given, and what is left at the end is left out.
+#[test]
+fn a_signal_ends_the_work_early_and_what_was_seen_counts() {
+    let drive = Drive::new("rooms", 1);
+    let whole = drive.solve(&drive.frames);
+    assert!(whole.closures.len() > 3, "the test needs loops");
+    let (signal, half) = (StopSignal::default(), drive.frames.len() / 2);
+    let mut slam = Slam::new(&drive.config);
+    slam.stop_on(&signal);
+    let steps: Vec<_> = drive.frames[..half].iter().map(|frame| slam.process(frame).unwrap()).collect();
+    let closures_until_then = slam.session().places().map_or(0, |places| places.reports().len());
+    assert!(!signal.give() && signal.give(), "it was given but once before");
+    // What was on its way is still tracked.
+    for frame in &drive.frames[half..half + 50] {
+        slam.process(frame).unwrap();
+    }
+    let stopped = slam.finish();
+    assert_eq!(steps.len(), half);
+    assert_eq!(stopped.trajectory.len(), half + 50);
+    assert_eq!(stopped.closures.len(), closures_until_then);
+    assert!(drive.largest_error_m(&stopped, 0) < 1.0);
+    assert!(stopped.map.to_raster().unwrap().cells.contains(&Occupancy::Occupied));
+    // The session of a run that was stopped can be gone on with.
+    let again = Slam::resume(drive.restored(&stopped.session), &drive.config).unwrap();
+    let gone_on = drive.go_on(again, &drive.frames[half + 50..]);
+    assert_eq!(gone_on.trajectory.len(), drive.frames.len());
+    assert!(gone_on.closures.len() > closures_until_then);
 }
 
 fn occupied(map: &Raster<Occupancy>, polygon: &Polygon) -> usize {

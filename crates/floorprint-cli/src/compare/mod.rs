@@ -3,6 +3,7 @@
 mod page;
 
 use crate::outcome::{BadArguments, Outcome};
+use crate::solved::unknown_ground;
 use crate::terminal::Terminal;
 use anyhow::{Context as _, ensure};
 use clap::Args;
@@ -86,13 +87,13 @@ impl Run {
         let table: Table = read_text(&path)?.parse().with_context(|| format!("cannot read {}", path.display()))?;
         let mut options = BTreeMap::new();
         flatten("", &table, &mut options);
-        Ok(Self {
-            name: String::new(),
-            report,
-            map: read_map(&folder.join("map.yaml"))?,
-            trajectory: read_trajectory(&folder.join("trajectory.tum"))?,
-            options,
-        })
+        let trajectory = read_trajectory(&folder.join("trajectory.tum"))?;
+        // Dead reckoning has no map.
+        let map = match report.get("map") {
+            Some(_) => read_map(&folder.join("map.yaml"))?,
+            None => unknown_ground(&trajectory),
+        };
+        Ok(Self { name: String::new(), report, map, trajectory, options })
     }
 }
 

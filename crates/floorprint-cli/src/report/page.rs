@@ -90,8 +90,10 @@ pub(crate) fn poses(trajectory: &[StampedPose]) -> String {
 fn header(report: &Report, name: &str) -> String {
     let Made { date, command } = &report.made;
     let partial = if report.partial { "<span class=\"badge\">partial: stopped before its end</span>" } else { "" };
+    let no_map =
+        if report.map.is_none() { "<span class=\"badge\">no LiDAR: dead reckoning, no map</span>" } else { "" };
     format!(
-        "<header><h1>{}</h1>{partial}<p>{} · preset {} · seed {} · odometry from {}</p>\
+        "<header><h1>{}</h1>{partial}{no_map}<p>{} · preset {} · seed {} · odometry from {}</p>\
          <p>made on {date} by Floorprint {} with <code>{}</code></p></header>\n",
         escape(name),
         escape(report.input.format),
@@ -150,12 +152,10 @@ fn tiles(report: &Report) -> String {
         "driven",
         format!("in {:.0} s, {} poses", drive.duration_s, drive.poses),
     );
-    tile(
-        "",
-        format!("{:.0} m²", report.map.free_m2),
-        "free floor",
-        format!("{:.0} mm cells", 1e3 * report.map.resolution_m),
-    );
+    if let Some(map) = &report.map {
+        let cells = format!("{:.0} mm cells", 1e3 * map.resolution_m);
+        tile("", format!("{:.0} m²", map.free_m2), "free floor", cells);
+    }
     if let Some(texture) = &report.texture {
         tile("", format!("{:.0} m²", texture.painted_m2), "painted", format!("from {} images", texture.images));
     }
@@ -177,13 +177,19 @@ fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::
     // Dead reckoning that runs far off must not shrink the map to a spot: then a button shows it.
     let view = if all.longest_m() < FARTHEST_SHOWN * near.longest_m() { View::of_all(&drawn, map) } else { near };
     let view = view.with_room_for_scale_bar();
-    let mut layers = vec![
-        ("map", "cells", "map", "checked"),
-        ("trajectory", "trajectory", "trajectory", "checked"),
-        ("odometry", "odometry", "dead reckoning", "checked"),
-    ];
-    let mut svg = view.image("cells", map.origin_m, map.width, map.height, map.resolution_m, &map_png(map)?);
-    svg.push_str(&view.path("odometry", &solution.odometry));
+    let has_map = report.map.is_some();
+    let (mut layers, mut svg) = (Vec::new(), String::new());
+    if has_map {
+        layers.extend([
+            ("map", "cells", "map", "checked"),
+            ("trajectory", "trajectory", "trajectory", "checked"),
+            ("odometry", "odometry", "dead reckoning", "checked"),
+        ]);
+        svg.push_str(&view.image("cells", map.origin_m, map.width, map.height, map.resolution_m, &map_png(map)?));
+        svg.push_str(&view.path("odometry", &solution.odometry));
+    } else {
+        layers.push(("trajectory", "trajectory", "dead reckoning", "checked"));
+    }
     if !truth.is_empty() {
         layers.push(("truth", "truth", "truth", "checked"));
         svg.push_str(&view.path("truth", truth));
@@ -204,12 +210,20 @@ fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::
             )
         })
         .collect();
+    let (title, label, colors) = if has_map {
+        (
+            "Map and trajectory",
+            "map with trajectory and dead reckoning",
+            "Free cells are white, occupied ones black, unknown ones grey (in dark mode the other way round). ",
+        )
+    } else {
+        ("Trajectory", "trajectory by dead reckoning", "")
+    };
     Ok(format!(
-        "<section class=\"card\"><div class=\"head\"><h2>Map and trajectory</h2><div class=\"layers\">{controls}</div></div>\
-         {}<p class=\"caption\">Free cells are white, occupied ones black, unknown ones grey (in dark mode the other way \
-         round). The ring is the start, the dot the end. Drag to move, Ctrl and the wheel or the buttons to zoom; point \
-         at the trajectory for stamp and pose.</p></section>\n",
-        view.plan("", "map with trajectory and dead reckoning", &svg, Some(&all))
+        "<section class=\"card\"><div class=\"head\"><h2>{title}</h2><div class=\"layers\">{controls}</div></div>\
+         {}<p class=\"caption\">{colors}The ring is the start, the dot the end. Drag to move, Ctrl and the wheel or the \
+         buttons to zoom; point at the trajectory for stamp and pose.</p></section>\n",
+        view.plan("", label, &svg, Some(&all))
     ))
 }
 
@@ -278,8 +292,8 @@ fn loops_and_contradictions(report: &Report) -> String {
             "<section class=\"card\"><h2>Loops</h2><div class=\"scroll\"><table><tbody>{rows}</tbody></table></div><p class=\"caption\">{caption}</p></section>"
         );
     }
-    let contradictions = &report.filter.contradictions;
-    if !contradictions.is_empty() {
+    if let Some(filter) = report.filter.as_ref().filter(|filter| !filter.contradictions.is_empty()) {
+        let contradictions = &filter.contradictions;
         let start_s = report.drive.start_s;
         let mut longest: Vec<_> = contradictions.iter().collect();
         longest.sort_by_key(|stretch| std::cmp::Reverse(stretch.scans));
@@ -295,7 +309,7 @@ fn loops_and_contradictions(report: &Report) -> String {
             "<section class=\"card\"><h2>Scan against odometry</h2><table><thead><tr><th>time of the drive</th>\
              <th>scans</th></tr></thead><tbody>{rows}</tbody></table>\
              <p class=\"caption\">They contradicted each other at {} of {}, in {}{}; there the scan won.</p></section>",
-            report.filter.odometry_rejections,
+            filter.odometry_rejections,
             counted(report.drive.scans, "scan"),
             counted(contradictions.len(), "place"),
             if contradictions.len() > STRETCHES_SHOWN { ", the longest of which are listed" } else { "" }
@@ -308,12 +322,12 @@ fn charts(report: &Report, solution: &Solution) -> String {
     let over_time = |value: fn(&StepReport) -> f64| -> Vec<[f64; 2]> {
         solution.steps.iter().map(|step| [step.stamp_s, value(step)]).collect()
     };
-    let particles = report.filter.particles as f64;
+    let particles = report.filter.as_ref().map_or(0, |filter| filter.particles);
     let effective = Chart {
         title: "Effective number of particles",
         class: "",
         points: over_time(|step| step.filter.effective_particles),
-        maximum: Some(particles),
+        maximum: Some(particles as f64),
     };
     let score = Chart { title: "Match score", class: "", points: over_time(|step| step.filter.score), maximum: None };
     let inliers = Chart {
@@ -322,12 +336,21 @@ fn charts(report: &Report, solution: &Solution) -> String {
         points: over_time(|step| step.filter.inlier_share),
         maximum: Some(1.0),
     };
-    let mut charts = vec![
-        (score, "How well each scan fits the map, in the filter's own measure: sudden drops are places to look at."),
-        (inliers, "Of each scan, how many of its points lie on walls of the map, from 0 to 1; new ground lowers it."),
-    ];
-    if report.filter.particles > 1 {
-        charts.insert(0, (effective, "How many particles really carry weight; they are resampled when these are few."));
+    let mut charts = Vec::new();
+    if particles > 1 {
+        charts.push((effective, "How many particles really carry weight; they are resampled when these are few."));
+    }
+    if report.filter.is_some() {
+        charts.extend([
+            (
+                score,
+                "How well each scan fits the map, in the filter's own measure: sudden drops are places to look at.",
+            ),
+            (
+                inliers,
+                "Of each scan, how many of its points lie on walls of the map, from 0 to 1; new ground lowers it.",
+            ),
+        ]);
     }
     if !report.errors.true_trajectory.is_empty() {
         let truth = StampIndex::new(&report.errors.true_trajectory);
@@ -346,7 +369,9 @@ fn charts(report: &Report, solution: &Solution) -> String {
             ("Position error of dead reckoning, m", "odometry", &solution.odometry, position),
         ] {
             let chart = Chart { title, class, points: errors(poses, error), maximum: None };
-            charts.push((chart, "Distance from the truth at each scan, without alignment."));
+            if !poses.is_empty() {
+                charts.push((chart, "Distance from the truth at each pose, without alignment."));
+            }
         }
     }
     let cards: String = charts
@@ -429,17 +454,23 @@ fn notes(report: &Report) -> String {
 
 /// Links to what lies beside the page.
 fn files(report: &Report, exhibits: &Exhibits<'_>) -> String {
-    let mut files = vec![
-        ("trajectory.tum", "poses"),
-        ("live.tum", "poses as they were known at the time"),
-        ("odometry.tum", "dead reckoning"),
-        ("map.yaml", "map for ROS"),
-        ("map.png", "map"),
-        ("trajectories.png", "map with trajectories"),
+    let mut files = vec![("trajectory.tum", "poses")];
+    if report.map.is_some() {
+        files.extend([
+            ("live.tum", "poses as they were known at the time"),
+            ("odometry.tum", "dead reckoning"),
+            ("map.yaml", "map for ROS"),
+            ("map.png", "map"),
+            ("trajectories.png", "map with trajectories"),
+        ]);
+    } else {
+        files.push(("trajectories.png", "drawing of the trajectory"));
+    }
+    files.extend([
         ("trajectories.svg", "the same, without loss"),
         ("report.json", "all figures"),
         ("config.toml", "configuration"),
-    ];
+    ]);
     files.extend(exhibits.solution.graph.as_ref().map(|_| ("graph.g2o", "pose graph")));
     files.extend(report.texture.as_ref().map(|_| ("texture.png", "floor")));
     let items: String =
@@ -494,7 +525,11 @@ impl View {
             let outermost = (places.len() as f64 * OUTERMOST_SHARE) as usize;
             let (low, high) = match (places.get(outermost), places.iter().rev().nth(outermost)) {
                 (Some(low), Some(high)) => (*low, *high),
-                _ => (map.origin_m[axis], map.origin_m[axis] + map.resolution_m),
+                // Without a wall all of the map counts.
+                _ => {
+                    let cells = [map.width, map.height][axis];
+                    (map.origin_m[axis], map.origin_m[axis] + cells as f64 * map.resolution_m)
+                }
             };
             let furthest_m = 0.15 * (high - low) + 1.0;
             (low_m[axis], high_m[axis]) = (low, high);

@@ -228,7 +228,7 @@ impl Log {
                 Some((line, complaint)) => {
                     format!("no line with a scan is whole, so no map can be made: line {line} {complaint}")
                 }
-                None => format!("no {}: there are no scans, so no map can be made", FORMAT.scans),
+                None => format!("no {}: there is no LiDAR and so no map, only dead reckoning", FORMAT.scans),
             },
             Some(mark_m) => format!("readings of {mark_m} m and more mean that nothing came back"),
             None => "no reading stands out as the mark for \"nothing came back\"".to_owned(),
@@ -647,7 +647,10 @@ mod tests {
     #[test]
     fn a_log_of_odometry_alone_says_that_there_are_no_scans() {
         let log = read_text("ODOM 1.0 0.0 0.0 0.1 0.0 0.0 1.0 host 0.1\n");
-        assert_eq!(log.notes, ["no FLASER, ROBOTLASER1 or RAWLASER1 lines: there are no scans, so no map can be made"]);
+        assert_eq!(
+            log.notes,
+            ["no FLASER, ROBOTLASER1 or RAWLASER1 lines: there is no LiDAR and so no map, only dead reckoning"]
+        );
     }
 
     #[test]

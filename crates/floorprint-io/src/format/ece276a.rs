@@ -91,8 +91,10 @@ impl Part {
     fn loss(self, present: &BTreeMap<Self, PathBuf>) -> &'static str {
         match self {
             Self::Imu if !present.contains_key(&Self::Encoders) => "no IMU",
+            Self::Encoders if !present.contains_key(&Self::Hokuyo) => "no encoders",
+            Self::Hokuyo if !present.contains_key(&Self::Encoders) => "no Hokuyo: there is no LiDAR and so no map",
             Self::Encoders => "no encoders: the motion between scans comes from matching them",
-            Self::Hokuyo => "no Hokuyo: there are no scans, so no map can be made",
+            Self::Hokuyo => "no Hokuyo: there is no LiDAR and so no map, only dead reckoning",
             Self::Imu => "no IMU: yaw comes from the wheels",
             Self::Kinect => "no Kinect: the floor cannot be painted",
         }
@@ -297,6 +299,7 @@ impl Drive {
     fn read_kinect(&mut self, npz: &mut Npz, folder: &Path, drive: u32) -> Result<Option<ImageIndex>, ReadError> {
         let disparity_stamps_s = npz.vector("disparity_time_stamps")?;
         let color_stamps_s = npz.vector("rgb_time_stamps")?;
+        let dropped = self.dropped.clone();
         let index = ImageIndex {
             depth: self.find_images(folder, "Disparity", drive, &disparity_stamps_s)?,
             color: self.find_images(folder, "RGB", drive, &color_stamps_s)?,
@@ -304,6 +307,8 @@ impl Drive {
         };
         if index.depth.is_empty() || index.color.is_empty() {
             self.notes.push("no images of the Kinect beside its stamps: the floor cannot be painted".to_owned());
+            // Who leaves all of them out has not lost any.
+            self.dropped = dropped;
             return Ok(None);
         }
         Ok(Some(index))

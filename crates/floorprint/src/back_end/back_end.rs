@@ -10,6 +10,7 @@ use super::hypothesis::Hypothesis;
 use super::place_graph::{Job, PlaceGraph};
 use super::uncertainty::Uncertainty;
 use super::view_cache::ViewCache;
+use crate::StopSignal;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::scan_matcher::MatcherConfig;
 use std::collections::VecDeque;
@@ -221,16 +222,19 @@ impl BackEnd {
         }
     }
 
-    /// Does what is left of the work: the drive ends here.
-    pub fn finish(mut self, places: &mut PlaceGraph) {
+    /// Does what is left of the work: the drive ends here. Less of it where the signal is given.
+    pub fn finish(mut self, places: &mut PlaceGraph, stop: &StopSignal) {
         let last = places.builder.finish();
         places.submaps.extend(last.map(Arc::new));
-        while self.work(places) {}
+        while !stop.is_given() && self.work(places) {}
+        if stop.is_given() {
+            return;
+        }
         let PlaceGraph { submaps, hypotheses, comparisons, .. } = places;
         let best = &mut hypotheses[0];
         best.relocate(submaps, comparisons, true, &self.config);
         best.settle();
-        best.look_again(submaps, comparisons, &mut self.views, &self.config, &self.matcher);
+        best.look_again(submaps, comparisons, &mut self.views, &self.config, &self.matcher, stop);
         places.learn_uncertainty();
     }
 }

@@ -11,6 +11,7 @@ use super::submap::Submap;
 use super::uncertainty::Uncertainty;
 use super::view_cache::ViewCache;
 use super::{LoopClosureConfig, Verdict};
+use crate::StopSignal;
 use crate::scan_matcher::MatcherConfig;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -31,9 +32,13 @@ impl Hypothesis {
         views: &mut ViewCache,
         config: &LoopClosureConfig,
         matcher: &MatcherConfig,
+        stop: &StopSignal,
     ) {
         let known = self.constraints.len();
         for nodes in self.pairs_not_connected(submaps, config) {
+            if stop.is_given() {
+                break;
+            }
             let [older, newer] = nodes.map(|node| self.graph.poses()[node]);
             let pair = nodes.map(|node| self.in_play[node]);
             let expected = older.between(&newer);

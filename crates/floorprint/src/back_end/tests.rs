@@ -4,7 +4,6 @@ use super::{
     Anchor, BackEnd, ClosureReport, Comparison, Hypothesis, LoopClosureConfig, PlaceGraph, Placement, Submap,
     SubmapBuilder, Uncertainty, Verdict, ViewCache,
 };
-use crate::CompactScan;
 use crate::geometry::Pose2;
 use crate::key_scan::{Drift, Interruption, KeyScan};
 use crate::pose_graph::PoseGraph;
@@ -12,6 +11,7 @@ use crate::scan_matcher::MatcherConfig;
 use crate::scan_matcher::synthetic::{Walls, poses_along};
 use crate::session::corrected_poses;
 use crate::surface::{SurfaceScan, Thinning};
+use crate::{CompactScan, StopSignal};
 use nalgebra::Matrix3;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -57,7 +57,7 @@ impl Closer {
     }
 
     fn finish(mut self) -> ClosedLoops {
-        self.back_end.finish(&mut self.places);
+        self.back_end.finish(&mut self.places, &StopSignal::default());
         ClosedLoops { anchors: self.places.anchors(), closures: self.places.reports(), graph: self.places.graph() }
     }
 }

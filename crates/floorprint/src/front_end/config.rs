@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct FilterConfig {
     /// Which filter runs.
     pub kind: FilterKind,
-    /// Number of particles.
+    /// Number of particles; at most 1000 where each has a map of its own, as with all filters but `shared_map`.
     #[schemars(range(min = 1, max = 100000))]
     pub particles: usize,
     /// How particles are resampled.
@@ -71,6 +71,14 @@ impl Default for FilterConfig {
 }
 
 impl FilterConfig {
+    /// Most particles that have a map of their own: half a gigabyte, and a tenth of a second or more for each scan.
+    pub(crate) const MOST_WITH_MAPS: usize = 1000;
+
+    /// Most particles that the filter may come to have.
+    pub(crate) fn most_particles(&self) -> usize {
+        if self.adaptive.enabled { self.adaptive.most } else { self.particles }
+    }
+
     /// How many particles a filter begins with.
     #[must_use]
     pub fn first_particles(&self) -> usize {

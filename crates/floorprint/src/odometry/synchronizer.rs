@@ -198,6 +198,15 @@ impl Synchronizer {
         self.advance(self.clock_s)
     }
 
+    /// Uses a source from the first record on, though no scan will ask for it.
+    pub(crate) fn expect_no_scan(&mut self, source: OdometrySource) {
+        self.sources.chosen = Some(match source {
+            OdometrySource::Wheels | OdometrySource::WheelsAndGyro => Source::Wheels,
+            OdometrySource::Log => Source::Stated,
+            OdometrySource::Auto | OdometrySource::ScanMatching => Source::Nothing,
+        });
+    }
+
     /// The frames of the scans that still wait; no record comes any more.
     ///
     /// # Errors

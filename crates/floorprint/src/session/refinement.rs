@@ -1,6 +1,7 @@
 //! Fits every scan to the map of all key scans, once the loops are closed.
 
 use super::StoredScan;
+use crate::StopSignal;
 use crate::compact_scan::CompactScan;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::{inverse, isotropic};
@@ -31,6 +32,8 @@ const FARTHEST_MOVE_M: f64 = 10.0;
 pub(super) struct Refinement<'a> {
     scans: &'a [StoredScan],
     matcher: &'a MatcherConfig,
+    /// Once it is given scans are left where they are.
+    stop: &'a StopSignal,
     thinning: Thinning,
     limits: Limits,
     /// The surfaces of the first key scans.
@@ -60,21 +63,22 @@ struct Region {
 }
 
 impl<'a> Refinement<'a> {
-    pub(super) fn new(scans: &'a [StoredScan], matcher: &'a MatcherConfig) -> Self {
+    pub(super) fn new(scans: &'a [StoredScan], matcher: &'a MatcherConfig, stop: &'a StopSignal) -> Self {
         let limits = Limits {
             kept_bytes: KEPT_BYTES,
             scans_at_once: SCANS_AT_ONCE,
             scans_of_one_map: SCANS_OF_ONE_MAP,
             region_m: REGION_M,
         };
-        Self::within(scans, matcher, limits)
+        Self::within(scans, matcher, stop, limits)
     }
 
-    fn within(scans: &'a [StoredScan], matcher: &'a MatcherConfig, limits: Limits) -> Self {
-        let mut refinement = Self { scans, matcher, thinning: matcher.thinning(), limits, kept: Vec::new(), map: None };
+    fn within(scans: &'a [StoredScan], matcher: &'a MatcherConfig, stop: &'a StopSignal, limits: Limits) -> Self {
+        let thinning = matcher.thinning();
+        let mut refinement = Self { scans, matcher, stop, thinning, limits, kept: Vec::new(), map: None };
         let mut bytes = 0;
         for some in scans.chunks(limits.scans_at_once) {
-            if bytes > limits.kept_bytes {
+            if bytes > limits.kept_bytes || stop.is_given() {
                 break;
             }
             let surfaces: Vec<SurfaceScan> = some.par_iter().map(|scan| refinement.of(scan)).collect();
@@ -99,6 +103,9 @@ impl<'a> Refinement<'a> {
     fn map_of(&self, numbers: &[usize], poses: &[Pose2]) -> SurfaceMap {
         let mut map = SurfaceMap::new(self.matcher.cell_m);
         for some in numbers.chunks(self.limits.scans_at_once) {
+            if self.stop.is_given() {
+                break;
+            }
             let surfaces: Vec<Cow<'_, SurfaceScan>> = some.par_iter().map(|&number| self.of_key_scan(number)).collect();
             some.iter().zip(&surfaces).for_each(|(&number, scan)| map.add_scan(&poses[number], scan));
         }
@@ -135,7 +142,10 @@ impl<'a> Refinement<'a> {
         scans: &[Fitted],
         surfaces: impl Fn(usize) -> Cow<'s, SurfaceScan> + Sync,
     ) -> (Vec<Pose2>, Option<SurfaceMap>) {
-        let fit = |map: &SurfaceMap, number: usize| fitted(map, &surfaces(number), &scans[number].0, self.matcher);
+        let fit = |map: &SurfaceMap, number: usize| {
+            let pose = &scans[number].0;
+            if self.stop.is_given() { *pose } else { fitted(map, &surfaces(number), pose, self.matcher) }
+        };
         if self.is_one_map() {
             let made = self.map.is_none().then(|| self.map_of(&(0..poses.len()).collect::<Vec<_>>(), poses));
             let found = match made.as_ref().or(self.map.as_ref()) {
@@ -218,9 +228,9 @@ mod tests {
     #[test]
     fn every_scan_is_fitted_to_the_map_of_all() {
         let truth = poses_along(&[[-1.0, -0.5], [1.0, -0.5], [1.0, 1.0]], 0.1);
-        let (last, matcher) = (truth.len() - 1, MatcherConfig::default());
+        let (last, matcher, never) = (truth.len() - 1, MatcherConfig::default(), StopSignal::default());
         let scans = stored(&truth);
-        let mut refinement = Refinement::new(&scans, &matcher);
+        let mut refinement = Refinement::new(&scans, &matcher, &never);
         let map = refinement.map_of(&(0..scans.len()).collect::<Vec<_>>(), &truth);
         let off = moved(&truth);
         for (scan, (truth, off)) in refinement.kept.iter().zip(truth.iter().zip(&off)) {
@@ -239,20 +249,21 @@ mod tests {
         assert_ne!(of_key_scans, off);
         let half = SurfaceScan::new(&scans[3].points.unpack(), &matcher.thinning().halved());
         assert_eq!(of_between, [fitted(&map, &half, &off[4], &matcher)]);
-        assert!(Refinement::new(&[], &matcher).fitted(&[]).is_empty());
+        assert!(Refinement::new(&[], &matcher, &never).fitted(&[]).is_empty());
     }
 
     #[test]
     fn how_memory_is_bounded_changes_nothing() {
         let mut truth = poses_along(&[[-1.0, -0.5], [1.0, -0.5], [1.0, 1.0]], 0.1);
         let (scans, matcher) = ([stored(&truth), stored(&truth)].concat(), MatcherConfig::default());
+        let never = StopSignal::default();
         // A second room beyond what can be seen from the first.
         truth.extend(truth.clone().iter().map(|pose| Pose2::new(pose.x + 40.0, pose.y, pose.theta)));
         let off = moved(&truth);
         let between = [(&scans[3].points, off[4]), (&scans[5].points, off[off.len() - 4])];
-        let mut all = Refinement::new(&scans, &matcher);
+        let mut all = Refinement::new(&scans, &matcher, &never);
         let limits = Limits { kept_bytes: 30_000, scans_at_once: 3, scans_of_one_map: 5, region_m: 1.5 };
-        let mut few = Refinement::within(&scans, &matcher, limits);
+        let mut few = Refinement::within(&scans, &matcher, &never, limits);
         assert!(few.kept.len() < scans.len() / 2 && all.kept.len() == scans.len());
         let fitted: Vec<Fitted> = off.iter().map(|pose| (*pose, 3.0)).collect();
         let regions = few.regions(&off, &fitted);

@@ -4,6 +4,7 @@ use super::Renderer;
 use super::pose_log::PoseLog;
 use super::refinement::Refinement;
 use super::trajectory::correct_poses;
+use crate::StopSignal;
 use crate::back_end::{Anchor, BackEnd, PlaceGraph, Submap};
 use crate::compact_scan::CompactScan;
 use crate::front_end::FrontEndState;
@@ -521,25 +522,30 @@ impl Session {
         renderer.into_grid()
     }
 
-    /// Ends the drive: the last loops are closed, and all scans are fitted to each other, so many times.
-    pub(crate) fn finish(&mut self, back_end: BackEnd, refinements: usize, matcher: &MatcherConfig) {
+    /// Ends the drive: the last loops are closed, and all scans are fitted to each other, so many times. Once the signal is
+    /// given, what is not done is left out.
+    pub(crate) fn finish(&mut self, back_end: BackEnd, refinements: usize, matcher: &MatcherConfig, stop: &StopSignal) {
         let Some(places) = &self.places else { return };
         let mut places = places.clone();
-        back_end.finish(&mut places);
+        back_end.finish(&mut places, stop);
         // The drive may go on from before: its end forgets no key scans.
         let _ = places.take_outdated();
         self.finished = Some(Finished { places, refined: Vec::new() });
-        if refinements == 0 {
+        if refinements == 0 || stop.is_given() {
             return;
         }
         let poses = self.corrected_poses();
-        let mut refinement = Refinement::new(&self.scans, matcher);
+        let mut refinement = Refinement::new(&self.scans, matcher, stop);
         let mut of_key_scans: Vec<Pose2> = self.scans.iter().map(|scan| poses[scan.frame].pose).collect();
         for _ in 1..refinements {
             of_key_scans = refinement.fitted(&of_key_scans);
         }
         let of_map = of_key_scans;
         let of_key_scans = refinement.fitted(&of_map);
+        if stop.is_given() {
+            // Not all of them were fitted.
+            return;
+        }
         let frames = self.scans.iter().map(|scan| scan.frame);
         self.finished
             .iter_mut()
@@ -549,6 +555,9 @@ impl Session {
         let between: Vec<(&CompactScan, Pose2)> =
             self.between.scans.iter().map(|(frame, points)| (points, poses[*frame].pose)).collect();
         let of_between = refinement.fitted_between(&of_map, &between);
+        if stop.is_given() {
+            return;
+        }
         let frames = self.between.scans.iter().map(|(frame, _)| *frame);
         self.finished
             .iter_mut()

@@ -26,7 +26,7 @@ impl Slam {
         most: usize,
         profilers: [&mut (dyn Profiler + Send); 3],
     ) -> Vec<Result<StepReport, SlamError>> {
-        let Self { front_end, session, back_end, settled, .. } = self;
+        let Self { front_end, session, back_end, settled, stop, .. } = self;
         let [making, tracking, mapping] = profilers;
         let thinning = front_end.thinning();
         let (first, keeps_points) = (*settled, back_end.is_some());
@@ -60,7 +60,8 @@ impl Slam {
                     let report = tracked.map(|mut tracked| {
                         let poses = std::mem::take(&mut tracked.poses);
                         let poses_since = |frame: usize| poses[(frame - first).min(poses.len())..].to_vec();
-                        remember(tracked, poses_since, session, back_end.as_deref_mut(), settled)
+                        let back_end = back_end.as_deref_mut().filter(|_| !stop.is_given());
+                        remember(tracked, poses_since, session, back_end, settled)
                     });
                     reports.push(report);
                     mapping.end_of_frame();

@@ -39,10 +39,12 @@ impl Survey {
     /// When there is no usable scan, when the odometry asked for cannot be made from these records, or when a setting
     /// of `[scan]`, `[odometry]` or `[robot]` cannot work.
     pub fn of<R: Records + ?Sized>(records: &R, config: &Config) -> Result<Self, OdometryError> {
-        Self::of_readings(records, &Readings::of(records), config)
+        let readings = Readings::of(records);
+        readings.check_scans()?;
+        Self::of_readings(records, &readings, config)
     }
 
-    /// The same of readings that are sorted already.
+    /// The same of readings that are sorted already, among which there need be no scan.
     pub(crate) fn of_readings<R: Records + ?Sized>(
         records: &R,
         readings: &Readings,
@@ -50,9 +52,6 @@ impl Survey {
     ) -> Result<Self, OdometryError> {
         validate(config)?;
         let source = readings.choose_source(config)?;
-        if readings.usable_scans == 0 {
-            return Err(OdometryError::NoScans { found: readings.scans() });
-        }
         let mut survey = Self {
             corrections: OdometryCorrections {
                 source,

@@ -117,9 +117,10 @@ impl Readings {
         turns
     }
 
-    /// Number of scans.
-    pub(crate) fn scans(&self) -> usize {
-        self.stamps_s.iter().filter(|((stream, _), _)| *stream == Stream::Scans).count()
+    /// Fails where no scan can become a frame.
+    pub(crate) fn check_scans(&self) -> Result<(), OdometryError> {
+        let found = self.stamps_s.iter().filter(|((stream, _), _)| *stream == Stream::Scans).count();
+        if self.usable_scans > 0 { Ok(()) } else { Err(OdometryError::NoScans { found }) }
     }
 
     /// The sensors that have records, in order.
@@ -165,7 +166,7 @@ impl Readings {
     }
 
     /// The source that the configuration asks for, or with `Auto` the best that is there.
-    pub(super) fn choose_source(&self, config: &Config) -> Result<OdometrySource, OdometryError> {
+    pub(crate) fn choose_source(&self, config: &Config) -> Result<OdometrySource, OdometryError> {
         let needs = |wanted, missing, there: bool| {
             if there { Ok(()) } else { Err(OdometryError::SourceMissing { wanted, missing }) }
         };
