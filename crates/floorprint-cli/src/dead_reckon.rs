@@ -25,7 +25,10 @@ pub(crate) fn dead_reckon(
     around: &mut Surroundings<'_>,
 ) -> anyhow::Result<Solution> {
     around.profiler.enter(Phase::Synchronise);
-    ensure!(around.earlier.is_none(), "a session cannot be gone on with where there is no LiDAR");
+    ensure!(
+        around.earlier.is_none(),
+        "a session cannot be gone on with where there is no LiDAR: run without --continue"
+    );
     let dead_reckoned = Frames::without_scans(data_set.records.as_slice(), config);
     let (trajectory, summary) = dead_reckoned.map_err(|error| explain(error, data_set))?;
     around.interrupt.is_preparing(false);

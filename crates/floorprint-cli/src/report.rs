@@ -21,7 +21,7 @@ use floorprint::Config;
 use floorprint::evaluation::WallSharpness;
 use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::OdometrySource;
-use floorprint_io::{Contents, DataSet};
+use floorprint_io::{Contents, DataSet, DropReason};
 use serde::Serialize;
 use std::path::Path;
 
@@ -225,7 +225,8 @@ impl Report {
         let lost: usize = dropped.iter().map(|dropped| dropped.count).sum();
         let images = data_set.images.as_ref().map_or(0, |images| images.depth.len() + images.color.len());
         let has_lidar = !solution.is_dead_reckoning();
-        let readings = data_set.records.len() + images + data_set.dropped.total();
+        let unread: usize = dropped_by_reader(data_set).map(|(_, count)| count).sum();
+        let readings = data_set.records.len() + images + unread;
         Self {
             made: Made::now(),
             what: Contents::Run.what(),
@@ -327,11 +328,17 @@ impl MapSummary {
     }
 }
 
+/// What the reader left out. Who leaves all images out has lost none.
+fn dropped_by_reader(data_set: &DataSet) -> impl Iterator<Item = (DropReason, usize)> {
+    let is_lost = |(reason, _): &(DropReason, usize)| data_set.images.is_some() || *reason != DropReason::MissingImage;
+    data_set.dropped.iter().filter(is_lost)
+}
+
 /// All data that were not used, by reason, from the reader to the painter.
 fn dropped(data_set: &DataSet, solution: &Solution) -> Vec<Dropped> {
     let summary = &solution.summary.dropped;
     let synchroniser = summary.by_reason();
-    let reader = data_set.dropped.iter().map(|(reason, count)| (reason.description().to_owned(), count));
+    let reader = dropped_by_reader(data_set).map(|(reason, count)| (reason.description().to_owned(), count));
     let synchroniser = synchroniser.into_iter().map(|(reason, count)| (reason.to_owned(), count));
     let filter = solution.refused.clone().into_iter();
     let painter = solution.floor.iter().flat_map(|floor| floor.skipped.clone());

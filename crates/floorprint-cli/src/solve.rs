@@ -77,7 +77,7 @@ impl Solution {
     /// Whether there was no LiDAR: the trajectory is dead reckoning, and there is no map.
     #[must_use]
     pub fn is_dead_reckoning(&self) -> bool {
-        self.steps.is_empty() && !self.trajectory.is_empty()
+        self.summary.scans == 0
     }
 }
 

@@ -102,7 +102,10 @@ impl Task<'_> {
         }
         let has_lidar = !is_without_lidar(&data_set);
         if let (Some(path), false) = (self.mcap, has_lidar) {
-            bail!("--mcap {}: there is no LiDAR, and what is written there are its scans", path.display());
+            bail!(
+                "--mcap {}: there is no LiDAR, whose scans would be written there: run without --mcap",
+                path.display()
+            );
         }
         let earlier = match self.earlier {
             Some((path, start)) => Some(Earlier { session: SessionFile::open(path)?.load()?, start }),

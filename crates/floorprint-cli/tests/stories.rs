@@ -305,6 +305,7 @@ fn a_drive_without_a_lidar_is_dead_reckoned_and_has_no_map() {
     let report = report(&out);
     assert!(report.get("map").is_none() && report.get("filter").is_none() && report.get("loops").is_none());
     assert_eq!(report["drive"]["odometry"], "wheels_and_gyro");
+    assert_eq!(report["dropped_share"], 0.0, "who leaves all images out has lost none: {}", report["dropped"]);
     assert!(report["errors"].get("map").is_none(), "{}", report["errors"]);
     assert!(report["errors"]["trajectory"]["translation_m"]["rmse"].as_f64().unwrap() < 1.0);
     let page = fs::read_to_string(out.join("report.html")).unwrap();

@@ -299,7 +299,6 @@ impl Drive {
     fn read_kinect(&mut self, npz: &mut Npz, folder: &Path, drive: u32) -> Result<Option<ImageIndex>, ReadError> {
         let disparity_stamps_s = npz.vector("disparity_time_stamps")?;
         let color_stamps_s = npz.vector("rgb_time_stamps")?;
-        let dropped = self.dropped.clone();
         let index = ImageIndex {
             depth: self.find_images(folder, "Disparity", drive, &disparity_stamps_s)?,
             color: self.find_images(folder, "RGB", drive, &color_stamps_s)?,
@@ -307,8 +306,6 @@ impl Drive {
         };
         if index.depth.is_empty() || index.color.is_empty() {
             self.notes.push("no images of the Kinect beside its stamps: the floor cannot be painted".to_owned());
-            // Who leaves all of them out has not lost any.
-            self.dropped = dropped;
             return Ok(None);
         }
         Ok(Some(index))
