@@ -93,9 +93,9 @@ impl SearchPyramid {
         // Small blocks, of which there are many, have exact bounds: there each cell stands for the block that begins at it.
         for level in 1..=TOP_LEVEL {
             let begins_anywhere = levels[usize::from(level) - 1].widened(1 << (level - 1));
-            finest = finest.pooled(2, 2);
-            levels.push(if level <= EXACT_LEVELS { begins_anywhere } else { finest.pooled(1, 2) });
-            free = free.pooled(2, 2);
+            finest = finest.halved();
+            levels.push(if level <= EXACT_LEVELS { begins_anywhere } else { finest.widened(1) });
+            free = free.halved();
             free_levels.push(free.clone());
         }
         Self { cell_m, levels, free: free_levels }

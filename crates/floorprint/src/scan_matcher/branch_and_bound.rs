@@ -163,8 +163,8 @@ impl PlaceSearch {
         let mut without_overlap = finest.clone();
         levels.push(Quads::of(&finest));
         for _ in 0..TOP_LEVEL {
-            without_overlap = without_overlap.pooled(2, 2);
-            levels.push(Quads::of(&without_overlap.pooled(1, 2)));
+            without_overlap = without_overlap.halved();
+            levels.push(Quads::of(&without_overlap.widened(1)));
         }
         Self { first, levels }
     }

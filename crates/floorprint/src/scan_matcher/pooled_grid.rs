@@ -37,43 +37,79 @@ impl Grid {
         }
     }
 
-    /// A grid whose every cell holds the largest of the `span` × `span` cells that begin `stride` times as far.
-    pub(crate) fn pooled(&self, stride: i32, span: i32) -> Self {
-        let mut result = Self::new(self.columns.div_euclid(stride) + 1, self.rows.div_euclid(stride) + 1);
-        result.fill(|x, y| {
-            let (x, y) = (x * stride, y * stride);
-            let mut largest = 0;
-            for dy in 0..span {
-                for dx in 0..span {
-                    largest = largest.max(self.at(x + dx, y + dy));
+    /// A grid of half as many columns and rows, whose every cell holds the largest of four.
+    pub(crate) fn halved(&self) -> Self {
+        let mut result = Self::new(self.columns / 2 + 1, self.rows / 2 + 1);
+        result.fill(|y, cells| {
+            for row in [self.row(2 * y), self.row(2 * y + 1)] {
+                let (pairs, last) = row.as_chunks();
+                for (cell, [left, right]) in cells.iter_mut().zip(pairs) {
+                    *cell = (*cell).max(*left).max(*right);
                 }
+                raise_all(&mut cells[pairs.len()..], last);
             }
-            largest
         });
         result
     }
 
     /// A grid whose every cell holds the largest of itself and of those `step` farther right, above, and both.
-    pub(crate) fn widened(&self, step: i32) -> Self {
+    pub(crate) fn widened(&self, step: usize) -> Self {
         let mut result = Self::new(self.columns, self.rows);
-        result.fill(|x, y| {
-            let above = self.at(x, y + step).max(self.at(x + step, y + step));
-            self.at(x, y).max(self.at(x + step, y)).max(above)
+        result.fill(|y, cells| {
+            for row in [self.row(y), self.row(y + step)] {
+                raise_all(cells, row);
+                raise_all(cells, row.get(step..).unwrap_or_default());
+            }
         });
         result
     }
 
-    fn fill(&mut self, value: impl Fn(i32, i32) -> u8 + Sync) {
-        let fill_row = |(y, cells): (usize, &mut [u8])| {
-            for (x, cell) in cells.iter_mut().enumerate() {
-                *cell = value(x as i32, y as i32);
-            }
-        };
+    /// The cells of a row; none outside.
+    fn row(&self, y: usize) -> &[u8] {
+        let columns = self.columns as usize;
+        self.cells.get(y * columns..(y + 1) * columns).unwrap_or_default()
+    }
+
+    /// Hands out each row, given its number, to be filled.
+    fn fill(&mut self, row: impl Fn(usize, &mut [u8]) + Sync) {
         let columns = self.columns.max(1) as usize;
         if self.cells.len() < FEW_CELLS {
-            self.cells.chunks_mut(columns).enumerate().for_each(fill_row);
+            self.cells.chunks_mut(columns).enumerate().for_each(|(y, cells)| row(y, cells));
         } else {
-            self.cells.par_chunks_mut(columns).enumerate().for_each(fill_row);
+            self.cells.par_chunks_mut(columns).enumerate().for_each(|(y, cells)| row(y, cells));
+        }
+    }
+}
+
+/// Lets each cell hold at least the value beside it.
+fn raise_all(cells: &mut [u8], values: &[u8]) {
+    for (cell, value) in cells.iter_mut().zip(values) {
+        *cell = (*cell).max(*value);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn cells_hold_the_largest_of_those_they_stand_for(
+            (columns, rows) in (1..9_i32, 1..9_i32), values in prop::collection::vec(any::<u8>(), 64), step in 1..5_i32,
+        ) {
+            let mut grid = Grid::new(columns, rows);
+            let of = |x: i32, y: i32| values[(8 * y + x) as usize];
+            (0..columns).for_each(|x| (0..rows).for_each(|y| grid.raise(x, y, of(x, y))));
+            let (halved, widened) = (grid.halved(), grid.widened(step as usize));
+            let largest = |x: i32, y: i32, step: i32| {
+                [[0, 0], [step, 0], [0, step], [step, step]].iter().map(|[dx, dy]| grid.at(x + dx, y + dy)).max().unwrap()
+            };
+            for (x, y) in (0..columns).flat_map(|x| (0..rows).map(move |y| (x, y))) {
+                prop_assert_eq!(grid.at(x, y), of(x, y));
+                prop_assert_eq!(halved.at(x, y), largest(2 * x, 2 * y, 1));
+                prop_assert_eq!(widened.at(x, y), largest(x, y, step));
+            }
         }
     }
 }
