@@ -75,38 +75,44 @@ type Quad = u32;
 /// A grid of which one look-up gives four cells.
 #[derive(Debug, Clone)]
 struct Quads {
-    /// The first column and row are those of the quads that begin before the grid's.
+    /// Besides the quads that begin in the grid there are those that begin right before it, and around all of them a rim of
+    /// quads that hold nothing.
     columns: i32,
     rows: i32,
-    /// Row by row, and one more that holds nothing.
+    /// Row by row.
     quads: Vec<Quad>,
 }
 
+/// How many quads there are before the grid's first column and row.
+const BEFORE: usize = 2;
+
 impl Quads {
     fn of(grid: &Grid) -> Self {
-        let (columns, rows) = (grid.columns + 1, grid.rows + 1);
-        let mut quads = vec![0; (columns * rows + 1) as usize];
-        let width = grid.columns as usize;
-        for (row, cells) in grid.cells.chunks_exact(width).enumerate() {
-            let (above, below) = quads.split_at_mut((row + 1) * width + row + 1);
-            let (as_upper, as_lower) = (&mut above[row * (width + 1)..], below);
-            for (column, cell) in cells.iter().map(|&cell| Quad::from(cell)).enumerate() {
-                as_upper[column] |= cell << 24;
-                as_upper[column + 1] |= cell << 16;
-                as_lower[column] |= cell << 8;
-                as_lower[column + 1] |= cell;
+        let (columns, rows) = (grid.columns + BEFORE as i32 + 1, grid.rows + BEFORE as i32 + 1);
+        let mut quads = vec![0; (columns * rows) as usize];
+        let mut put = |first: usize, cells: &[u8], shift: u32| {
+            for (quad, cell) in quads[first..].iter_mut().zip(cells) {
+                *quad |= Quad::from(*cell) << shift;
             }
+        };
+        for (row, cells) in grid.cells.chunks_exact(grid.columns as usize).enumerate() {
+            let as_lower = (row + BEFORE) * columns as usize + BEFORE;
+            let as_upper = as_lower - columns as usize;
+            put(as_lower, cells, 0);
+            put(as_lower - 1, cells, 8);
+            put(as_upper, cells, 16);
+            put(as_upper - 1, cells, 24);
         }
         Self { columns, rows, quads }
     }
 
-    /// Where the quad is of which the cell is the first; for a cell outside that of one that holds nothing.
+    /// Where the quad is of which the cell is the first; for a cell outside that of one in the rim.
     #[inline(always)]
     fn place_of(&self, x: i32, y: i32) -> u32 {
-        let (column, row) = ((x + 1) as u32, (y + 1) as u32);
-        let is_inside = (column < self.columns as u32) & (row < self.rows as u32);
-        let place = row.wrapping_mul(self.columns as u32).wrapping_add(column);
-        if is_inside { place } else { (self.columns * self.rows) as u32 }
+        // Largest and least, not a choice of two values: they vectorise.
+        let column = (x + BEFORE as i32).max(0).min(self.columns - 1);
+        let row = (y + BEFORE as i32).max(0).min(self.rows - 1);
+        (row * self.columns + column) as u32
     }
 }
 
