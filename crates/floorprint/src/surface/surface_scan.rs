@@ -222,9 +222,8 @@ impl SurfaceScan {
 /// The points of [`SurfaceScan::new`].
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
 fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
-    let xs = &scan.hits.x_m;
-    let ys = &scan.hits.y_m;
-    let count = xs.len();
+    let count = scan.hits.len();
+    let (xs, ys) = (&scan.hits.x_m[..count], &scan.hits.y_m[..count]);
     let sums = RunningSums::new(xs, ys);
     let steps = steps(xs, ys);
     let spacing = spacing_for(&steps, thinning);
@@ -242,18 +241,12 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
         // To the nearer of the two neighbours in the scan, at most what a gap of a few degrees makes.
         let between_beams = steps[i].min(steps[i + 1]).min(0.05 * range);
         let reach = least_reach.max(NEIGHBOURHOOD_SPACINGS * between_beams);
-        let within = |j: usize| {
-            let (dx, dy) = (xs[j] - x, ys[j] - y);
+        let is_within = |(other_x, other_y): (&f32, &f32)| {
+            let (dx, dy) = (other_x - x, other_y - y);
             dx * dx + dy * dy <= reach * reach
         };
-        let mut begin = i;
-        while begin > 0 && within(begin - 1) {
-            begin -= 1;
-        }
-        let mut end = i + 1;
-        while end < count && within(end) {
-            end += 1;
-        }
+        let begin = i - xs[..i].iter().zip(&ys[..i]).rev().take_while(|other| is_within(*other)).count();
+        let end = i + 1 + xs[i + 1..].iter().zip(&ys[i + 1..]).take_while(|other| is_within(*other)).count();
         if end - begin >= 3 {
             kept.push(Kept { point: i, begin, end });
         } else if let Some(far) = far_wall(&steps, i, range, &sums) {
@@ -262,18 +255,19 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
             free.push(Kept { point: i, begin: i, end: i + 1 });
         }
         let extent = length(xs[end - 1] - xs[begin], ys[end - 1] - ys[begin]);
-        let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as usize;
-        i = (i + step.max(1)).min(end);
+        let step = (spacing * (end - begin - 1) as f32 / extent.max(1e-3) + 0.5) as u32;
+        i = (i + step.max(1) as usize).min(end);
     }
     if (kept.len() as f64) < FEW_SHARE * thinning.max_points as f64 {
         kept.append(&mut free);
     }
     let mut result = SurfaceScan::with_capacity(scan.origin_m, kept.len());
     for kept in kept.chunks(LANES) {
-        let normals = sums.normals(kept, scan, excess_m2);
-        for (lane, kept) in kept.iter().enumerate() {
-            result.push([xs[kept.point], ys[kept.point]], [normals[0][lane], normals[1][lane]]);
-        }
+        let [normal_x, normal_y] = sums.normals(kept, scan, excess_m2);
+        result.x_m.extend(kept.iter().map(|kept| xs[kept.point]));
+        result.y_m.extend(kept.iter().map(|kept| ys[kept.point]));
+        result.normal_x.extend_from_slice(&normal_x[..kept.len()]);
+        result.normal_y.extend_from_slice(&normal_y[..kept.len()]);
     }
     result
 }
@@ -361,16 +355,16 @@ struct RunningSums(Vec<[f64; 5]>);
 
 impl RunningSums {
     fn new(xs: &[f32], ys: &[f32]) -> Self {
-        let mut sums = Vec::with_capacity(xs.len() + 1);
         let mut total = [0.0; 5];
+        let mut sums = Vec::with_capacity(xs.len() + 1);
         sums.push(total);
-        for (&x, &y) in xs.iter().zip(ys) {
+        sums.extend(xs.iter().zip(ys).map(|(&x, &y)| {
             let (x, y) = (f64::from(x), f64::from(y));
             for (sum, term) in total.iter_mut().zip([x, y, x * x, x * y, y * y]) {
                 *sum += term;
             }
-            sums.push(total);
-        }
+            total
+        }));
         Self(sums)
     }
 
