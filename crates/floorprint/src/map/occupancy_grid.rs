@@ -123,9 +123,9 @@ impl OccupancyGrid {
     #[must_use]
     pub fn tiles_around(&self, world_from_body: &Pose2, scan: &BodyScan) -> TileRectangle {
         let (to_world, inverse_resolution) = (world_from_body.point_transform(), 1.0 / self.resolution_m);
-        let tile_at = |point_m: [f64; 2]| tile_of(Cell::containing(to_world(point_m), inverse_resolution));
+        let cell_at = |point_m: [f64; 2]| Cell::containing(to_world(point_m), inverse_resolution);
         let points = scan.hits.iter().chain(scan.free_ends.iter());
-        TileRectangle::around(tile_at(scan.origin_m), points.map(|point| tile_at(point.map(f64::from))))
+        TileRectangle::of_cells(cell_at(scan.origin_m), points.map(|point| cell_at(point.map(f64::from))), 0)
     }
 
     /// Forgets what is known of some tiles.
@@ -315,6 +315,12 @@ fn open_tiles<'a>(
     origin: Cell,
     rays: &mut [Ray],
 ) -> Option<OpenTiles<'a, OccupancyTile>> {
+    // Mostly the grid holds them all already.
+    let ends = rays.iter().flat_map(|ray| [ray.passed_to, ray.end]).flatten();
+    let all = TileRectangle::of_cells(origin, ends, 0);
+    if tiles.holds(&all) {
+        return tiles.open(all);
+    }
     let mut touched: Option<TileRectangle> = None;
     let mut touch = |cell: Cell| {
         let at = tile_of(cell);

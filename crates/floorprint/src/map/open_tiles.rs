@@ -24,10 +24,13 @@ enum OpenTile<'a, T> {
 }
 
 impl<'a, T> OpenTiles<'a, T> {
-    /// `tiles` are those of the rectangle, row by row.
-    pub(super) fn new(rectangle: TileRectangle, tiles: impl Iterator<Item = &'a mut Option<Arc<T>>>) -> Self {
+    /// `rows` are those of the rectangle.
+    pub(super) fn new(rectangle: TileRectangle, rows: impl Iterator<Item = &'a mut [Option<Arc<T>>]>) -> Self {
         let columns = rectangle.high.x - rectangle.low.x + 1;
-        Self { rectangle, columns, tiles: tiles.map(OpenTile::Shut).collect() }
+        let count = columns * (rectangle.high.y - rectangle.low.y + 1);
+        let mut tiles = Vec::with_capacity(count as usize);
+        rows.for_each(|row| tiles.extend(row.iter_mut().map(OpenTile::Shut)));
+        Self { rectangle, columns, tiles }
     }
 }
 

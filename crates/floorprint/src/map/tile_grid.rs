@@ -99,6 +99,12 @@ impl<T> TileGrid<T> {
             .then(|| (row * self.columns + column) as usize)
     }
 
+    /// Whether the directory holds all tiles of a rectangle as it is.
+    #[must_use]
+    pub fn holds(&self, rectangle: &TileRectangle) -> bool {
+        self.index_of(rectangle.low).is_some() && self.index_of(rectangle.high).is_some()
+    }
+
     /// Whether any order of writing to these tiles is sure to be within what the grid can span.
     #[must_use]
     pub fn can_hold(rectangle: &TileRectangle) -> bool {
@@ -139,7 +145,7 @@ impl<T> TileGrid<T> {
         let columns = (low.x - self.first.x) as usize..=(high.x - self.first.x) as usize;
         let rows = self.tiles.chunks_exact_mut(self.columns as usize).skip((low.y - self.first.y) as usize);
         let rows = rows.take((high.y - low.y + 1) as usize);
-        Some(OpenTiles::new(rectangle, rows.flat_map(|row| row[columns.clone()].iter_mut())))
+        Some(OpenTiles::new(rectangle, rows.map(|row| &mut row[columns.clone()])))
     }
 
     /// Forgets the tile at these tile coordinates.

@@ -1,6 +1,7 @@
 //! A rectangle of tiles: where a scan may have drawn.
 
 use super::cell::Cell;
+use super::tile_grid::tile_of;
 
 /// The tiles from `low` to `high`, both included; tile coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -12,10 +13,20 @@ pub struct TileRectangle {
 }
 
 impl TileRectangle {
-    /// The smallest rectangle that holds `tiles` and `first`.
+    /// The smallest rectangle that holds `first` and others.
     #[must_use]
-    pub fn around(first: Cell, tiles: impl Iterator<Item = Cell>) -> Self {
-        tiles.fold(Self { low: first, high: first }, Self::with)
+    pub fn around(first: Cell, others: impl Iterator<Item = Cell>) -> Self {
+        others.fold(Self { low: first, high: first }, Self::with)
+    }
+
+    /// The tiles of `first` and other cells, and of those up to `reach` cells away from them.
+    #[must_use]
+    pub fn of_cells(first: Cell, others: impl Iterator<Item = Cell>, reach: i32) -> Self {
+        let Self { low, high } = Self::around(first, others);
+        Self {
+            low: tile_of(Cell { x: low.x.saturating_sub(reach), y: low.y.saturating_sub(reach) }),
+            high: tile_of(Cell { x: high.x.saturating_add(reach), y: high.y.saturating_add(reach) }),
+        }
     }
 
     /// Widened to hold another tile.

@@ -165,8 +165,7 @@ impl SurfaceMap {
 
     fn add_hits(&mut self, hits: &[Hit]) {
         let Some(first) = hits.first() else { return };
-        let around = |cell: Cell| around(cell).map(tile_of);
-        let rectangle = TileRectangle::around(tile_of(first.cell), hits.iter().flat_map(|hit| around(hit.cell)));
+        let rectangle = TileRectangle::of_cells(first.cell, hits.iter().map(|hit| hit.cell), REACH_CELLS);
         match self.tiles.open(rectangle) {
             Some(mut tiles) => hits.iter().for_each(|hit| add_hit(&mut tiles, hit)),
             // What lies beyond reason is left out.
