@@ -65,14 +65,14 @@ pub(super) enum Sighting {
 pub(super) struct LossDetector {
     /// How many scans in a row did not fit the map.
     misfits: usize,
-    /// Whether one of them was suspicious.
-    #[serde(default)]
-    is_suspicious: bool,
-    /// How many scans have fitted since the last one that contradicted the odometry.
-    #[serde(default)]
-    calm_scans: usize,
     /// Whether each of them contradicts it beyond doubt.
     is_certain: bool,
+    /// Whether one of them, or the newest scan, is suspicious.
+    #[serde(default)]
+    is_suspicious: bool,
+    /// How many scans there were since the last one that contradicted the odometry.
+    #[serde(default)]
+    calm_scans: usize,
     /// Share of the last scan that fitted which lay on the map.
     usual_inlier_share: f64,
     /// Mean and variance of that share over the drive.
@@ -257,7 +257,7 @@ mod tests {
         };
         let fits = Sighting::Fits { misfits_before: 0 };
         assert_eq!(sighting(drive(0.9), 0.2, true), Sighting::Suspicious { misfits_before: 0 });
-        // … where it is not ordinary, and once.
+        // … where it is not ordinary, and the odometry was not contradicted just before.
         assert_eq!(sighting(drive(0.9), 0.2, false), fits);
         assert_eq!(sighting(drive(0.7), 0.2, true), fits);
         assert_eq!(sighting(LossDetector { calm_scans: 0, ..drive(0.9) }, 0.2, true), fits);
