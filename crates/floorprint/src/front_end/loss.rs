@@ -269,7 +269,7 @@ mod tests {
         // A scan that contradicts the map is suspicious once those after it fit again, unless too many do in a row.
         let mut transient = drive(1.0);
         assert_eq!(transient.hear_of_where(&seen(1.0), &map, true), Sighting::Misfits);
-        let mut lost = transient.clone();
+        let mut lost = transient;
         assert_eq!(transient.hear_of(&seen(0.0), &map), Sighting::Suspicious { misfits_before: 1 });
         assert_eq!(transient.hear_of(&seen(0.0), &map), fits);
         assert_eq!(lost.hear_of(&seen(1.0), &map), Sighting::Misfits);
