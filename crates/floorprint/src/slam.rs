@@ -167,7 +167,7 @@ impl Slam {
             session.push(StampedPose { stamp_s: stamped.stamp_s, pose: start.compose(&pose) });
         }
         let thinning = config.matcher.thinning();
-        let mut interruption = Some(Interruption { frame: offset, is_certain: true });
+        let mut interruption = Some(Interruption { frame: offset, is_certain: true, is_suspicion: false });
         for scan in other.scans() {
             let key_scan = KeyScan {
                 frame: offset + scan.frame,

@@ -90,6 +90,9 @@ pub struct Break {
 /// What became of an interruption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum Outcome {
+    /// No more than a suspicion: the robot is taken not to have been carried until the submaps before and after it have been
+    /// compared.
+    Suspected,
     Open,
     /// The robot was not carried.
     Stayed,
@@ -101,7 +104,8 @@ impl Break {
     /// Nothing decided yet.
     #[must_use]
     pub fn new(submap: usize, interruption: Interruption, information: Matrix3<f64>) -> Self {
-        Self { submap, interruption, information, outcome: Outcome::Open }
+        let outcome = if interruption.is_suspicion { Outcome::Suspected } else { Outcome::Open };
+        Self { submap, interruption, information, outcome }
     }
 }
 
@@ -118,6 +122,9 @@ pub(super) struct Attached {
 /// Standard deviations of the motion of a robot that was carried, metres and radians.
 const KIDNAPPED_SIGMA_M: f64 = 30.0;
 const KIDNAPPED_SIGMA_RAD: f64 = 3.0;
+/// Probability that a robot was carried that is suspected to have been, where one drive in thirty has it carried: of those that
+/// are a third are suspected, of those that are not one in twenty-five.
+const CARRIED_OF_SUSPECTED: f64 = 0.2;
 
 /// The chain's factors cost no more than those this many standard deviations long: the front end is
 /// nearly always much better than that, and now and then much worse.
@@ -245,8 +252,11 @@ impl Hypothesis {
         let mut covariance =
             Matrix3::from_diagonal(&[variance_m2, variance_m2, variance_rad2].into()) + symmetric(&link.covariance);
         if let (Some(interruption), Some((newest, _))) = (submap.interruption, self.newest()) {
-            self.breaks.push(Break::new(newest, interruption, symmetric(&inverse(&covariance))));
-            covariance += kidnapped_covariance();
+            let new = Break::new(newest, interruption, symmetric(&inverse(&covariance)));
+            if new.outcome == Outcome::Open {
+                covariance += kidnapped_covariance();
+            }
+            self.breaks.push(new);
         }
         let _ = self.graph.add_between(BetweenFactor {
             from: before,
@@ -291,7 +301,12 @@ pub(super) fn closure_factor(
     })
 }
 
+/// Covariance of the motion of a robot that is suspected to have been carried: of what is (law of total variance).
+pub(super) fn suspected_covariance() -> Matrix3<f64> {
+    CARRIED_OF_SUSPECTED * kidnapped_covariance()
+}
+
 /// Covariance of the motion of a robot that was carried, nobody knows where to.
-fn kidnapped_covariance() -> Matrix3<f64> {
+pub(super) fn kidnapped_covariance() -> Matrix3<f64> {
     isotropic(KIDNAPPED_SIGMA_M, KIDNAPPED_SIGMA_RAD)
 }

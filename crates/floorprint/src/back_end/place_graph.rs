@@ -1,14 +1,14 @@
 //! What closing loops knows of a drive, and all of it that outlives a step: submaps, what they were compared with,
 //! and the hypotheses about how they lie to each other.
 
-use super::hypothesis::{Attached, Hypothesis, Kidnapping};
+use super::hypothesis::{Attached, Hypothesis, Kidnapping, suspected_covariance};
 use super::place_match::{Comparison, Placement};
 use super::submap::{Submap, SubmapBuilder};
 use super::uncertainty::Uncertainty;
 use super::{ClosureLoad, ClosureReport, Verdict};
 use crate::compact_scan::CompactScan;
 use crate::geometry::Pose2;
-use crate::key_scan::KeyScan;
+use crate::key_scan::{Interruption, KeyScan};
 use crate::pose_graph::PoseGraph;
 use crate::surface::{SurfaceScan, Thinning};
 use rayon::prelude::*;
@@ -216,7 +216,9 @@ impl PlaceGraph {
     #[must_use]
     pub fn uncertainty(&self) -> Uncertainty {
         let newest = self.in_the_world.last().copied().unwrap_or_default();
-        newest.and(&Uncertainty::of(self.builder.covariance())).after(self.builder.drift())
+        let suspected =
+            if self.is_suspected() { Uncertainty::of(&suspected_covariance()) } else { Uncertainty::default() };
+        newest.and(&Uncertainty::of(self.builder.covariance())).and(&suspected).after(self.builder.drift())
     }
 
     /// How uncertain each of the first `frames` poses of the drive is in the world: as much as the less certain one
@@ -279,8 +281,18 @@ impl PlaceGraph {
     /// Whether the robot was kidnapped and has not been found again yet.
     #[must_use]
     pub fn is_lost(&self) -> bool {
-        let is_coming = self.submaps[self.taken..].iter().any(|submap| submap.interruption.is_some());
-        is_coming || self.builder.is_after_interruption() || self.hypotheses[0].is_lost()
+        self.coming_interruptions().any(|at| !at.is_suspicion) || self.hypotheses[0].is_lost()
+    }
+
+    /// Whether the robot is suspected to have been kidnapped.
+    fn is_suspected(&self) -> bool {
+        self.coming_interruptions().any(|at| at.is_suspicion) || self.hypotheses[0].is_suspected()
+    }
+
+    /// The interruptions of which the hypotheses have not heard yet.
+    fn coming_interruptions(&self) -> impl Iterator<Item = Interruption> {
+        let coming = self.submaps[self.taken..].iter().filter_map(|submap| submap.interruption);
+        coming.chain(self.builder.interruption())
     }
 
     /// What is worked with now.

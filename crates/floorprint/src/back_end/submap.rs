@@ -164,10 +164,10 @@ impl SubmapBuilder {
             && self.open.is_sorted_by(|a, b| a.frame < b.frame)
     }
 
-    /// Whether the robot may have been kidnapped right before the submap in the making.
+    /// Where the robot may have been kidnapped right before the submap in the making.
     #[must_use]
-    pub fn is_after_interruption(&self) -> bool {
-        self.open.first().is_some_and(|first| first.interruption.is_some())
+    pub fn interruption(&self) -> Option<Interruption> {
+        self.open.first().and_then(|first| first.interruption)
     }
 
     /// The last submap, if any key scan is left.

@@ -420,7 +420,8 @@ fn is_found_again(seen: &[usize], missed: &[usize]) -> bool {
     let carried = Pose2::new(0.0, 50.0, 1.0);
     let all: Vec<Pose2> = first.iter().copied().chain(first.iter().map(|pose| carried.compose(pose))).collect();
     let mut key_scans = bare(&all);
-    key_scans[first.len()].interruption = Some(Interruption { frame: first.len(), is_certain: true });
+    key_scans[first.len()].interruption =
+        Some(Interruption { frame: first.len(), is_certain: true, is_suspicion: false });
     let (submaps, config) = (cut(&key_scans, 4.0), LoopClosureConfig::default());
     let mut account = Hypothesis::default();
     submaps.iter().for_each(|submap| account.extend(submap, &config));
@@ -444,6 +445,44 @@ fn who_misses_what_should_be_seen_is_not_put_there() {
     assert!(is_found_again(&[1, 3], &[]) && is_found_again(&[1, 3], &[5]));
     assert!(!is_found_again(&[1, 3], &[0, 2, 4, 5]));
     assert!(is_found_again(&[0, 1, 2, 3, 4], &[5]));
+}
+
+/// What becomes of a suspicion in the middle of a drive, given what the submaps right before and after it look like together,
+/// if they were compared: whether the robot is lost, and how often it was carried.
+fn judged(across: Option<Comparison>) -> (bool, usize) {
+    let mut key_scans = bare(&poses_along(&[[0.0, 0.0], [30.0, 0.0]], 0.3));
+    let frame = key_scans.len() / 2;
+    key_scans[frame].interruption = Some(Interruption { frame, is_certain: false, is_suspicion: true });
+    let (submaps, config) = (cut(&key_scans, 4.0), LoopClosureConfig::default());
+    let after = submaps.iter().position(|submap| submap.interruption.is_some()).unwrap();
+    let mut account = Hypothesis::default();
+    submaps[..=after].iter().for_each(|submap| account.extend(submap, &config));
+    // Until they have been compared it goes on as if nothing were.
+    assert!(account.is_suspected() && !account.is_lost() && !account.uncertainties()[0].is_lost());
+    let comparisons: Vec<Comparison> =
+        across.into_iter().map(|across| Comparison { older: after - 1, newer: after, ..across }).collect();
+    account.relocate(&submaps, &comparisons, false, &config);
+    assert!(!account.is_suspected());
+    assert_eq!(account.is_lost(), account.uncertainties()[0].is_lost());
+    (account.is_lost(), account.kidnappings(&submaps, &comparisons).len())
+}
+
+#[test]
+fn a_suspicion_is_decided_by_what_was_in_view_before_and_after() {
+    let across = |inlier_share, distinctness, verdict| {
+        let mut across = found([0, 1], Pose2::IDENTITY, Pose2::IDENTITY, 0.05, distinctness);
+        let placement = &mut across.placements[0];
+        (placement.inlier_shares, placement.verdict) = ([inlier_share; 2], verdict);
+        Some(across)
+    };
+    let [stayed, carried] = [(false, 0), (true, 1)];
+    assert_eq!(judged(None), stayed);
+    assert_eq!(judged(across(0.1, 0.0, Verdict::TooLittleInCommon)), stayed);
+    // It looks the same, though it would a little farther on, too; or it does not quite, but less so farther on.
+    assert_eq!(judged(across(0.95, 0.0, Verdict::Accepted)), stayed);
+    assert_eq!(judged(across(0.75, 0.3, Verdict::Accepted)), stayed);
+    assert_eq!(judged(across(0.75, 0.0, Verdict::Accepted)), carried);
+    assert_eq!(judged(across(0.4, 0.3, Verdict::DoesNotFit)), carried);
 }
 
 /// Hypotheses that expect a submap in different places have it compared with the same older one several times.

@@ -9,10 +9,12 @@ use super::Verdict;
 use super::evidence::{EVIDENCE_OF_WITNESS, MISS_EVIDENCE, MOST_WITNESSES, fit_evidence};
 use super::hypothesis::{
     AGREEMENT_M, AGREEMENT_RAD, Break, CONFLICT, Constraint, Found, Hypothesis, Kidnapping, Outcome, closure_factor,
+    kidnapped_covariance,
 };
-use super::place_match::Comparison;
+use super::place_match::{Comparison, Placement};
 use super::submap::Submap;
 use crate::geometry::Pose2;
+use crate::geometry::covariance::{inverse, symmetric};
 use crate::pose_graph::Optimizer;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::FRAC_PI_2;
@@ -133,7 +135,9 @@ impl Hypothesis {
             Outcome::Open => at.interruption.is_certain,
             Outcome::Found(_) => true,
             // What came later may say otherwise.
-            Outcome::Stayed => self.link_to(at.submap).is_some_and(|link| self.graph.squared_error(link) > CONFLICT),
+            Outcome::Suspected | Outcome::Stayed => {
+                self.link_to(at.submap).is_some_and(|link| self.graph.squared_error(link) > CONFLICT)
+            }
         }
     }
 
@@ -145,7 +149,7 @@ impl Hypothesis {
 
     /// Which nodes a submap is connected to, other than by a motion on which the robot may have been kidnapped.
     pub(super) fn connected_to(&self, submap: usize) -> Vec<bool> {
-        let interrupted = self.breaks.iter().filter(|at| at.outcome != Outcome::Stayed);
+        let interrupted = self.breaks.iter().filter(|at| at.is_interrupted());
         let contradicted =
             self.constraints.iter().map(|constraint| constraint.factor).filter(|&factor| !self.is_in_force(factor));
         let broken: Vec<usize> = interrupted.filter_map(|at| self.link_to(at.submap)).chain(contradicted).collect();
@@ -173,7 +177,7 @@ impl Hypothesis {
         let found = |at: &Break| match at.outcome {
             Outcome::Open => None,
             Outcome::Found(found) => Some(found),
-            Outcome::Stayed => {
+            Outcome::Suspected | Outcome::Stayed => {
                 let in_force = self.closures().filter(|closure| closure.is_in_force);
                 let across = in_force
                     .map(|closure| &comparisons[closure.comparison])
@@ -193,6 +197,11 @@ impl Hypothesis {
         newest.is_some_and(|(newest, _)| !self.connected_to(newest)[0])
     }
 
+    /// Whether the robot is suspected to have been kidnapped, and what the submaps before and after say is not known yet.
+    pub(super) fn is_suspected(&self) -> bool {
+        self.breaks.iter().any(|at| at.outcome == Outcome::Suspected)
+    }
+
     /// Looks for a robot that may have been kidnapped, given the comparisons of the drive up to the newest submap.
     pub fn relocate(
         &mut self,
@@ -202,8 +211,7 @@ impl Hypothesis {
         config: &LoopClosureConfig,
     ) {
         let Some((newest, _)) = self.newest() else { return };
-        let is_open = |at: &&mut Break| at.outcome == Outcome::Open;
-        self.breaks.iter_mut().filter(is_open).for_each(|at| at.judge(comparisons));
+        self.judge_breaks(comparisons);
         if self.open_breaks().next().is_none() {
             return;
         }
@@ -326,6 +334,43 @@ impl Hypothesis {
         }
     }
 
+    /// Hears what the submaps right before and after each interruption say that is not decided yet.
+    fn judge_breaks(&mut self, comparisons: &[Comparison]) {
+        for at in 0..self.breaks.len() {
+            let undecided = &mut self.breaks[at];
+            match undecided.outcome {
+                // What does not look the same is not the same place; what does may be.
+                Outcome::Open => {
+                    let across = undecided.across(comparisons);
+                    let is_certain = across.map(|placement| !looks_the_same(placement));
+                    undecided.interruption.is_certain = is_certain.unwrap_or(undecided.interruption.is_certain);
+                }
+                // Of a suspicion nothing remains where it does, or where it fits there and not a little farther on.
+                Outcome::Suspected => {
+                    let is_there = |placement: &Placement| placement.fits() && placement.is_conclusive();
+                    let across = undecided.across(comparisons);
+                    if across.is_none_or(|placement| looks_the_same(placement) || is_there(placement)) {
+                        undecided.outcome = Outcome::Stayed;
+                    } else {
+                        self.carry(at);
+                    }
+                }
+                Outcome::Stayed | Outcome::Found(_) => {}
+            }
+        }
+    }
+
+    /// The robot that was suspected to have been carried was: what the front end says of its motion counts no more.
+    fn carry(&mut self, at: usize) {
+        let carried = &mut self.breaks[at];
+        (carried.outcome, carried.interruption.is_certain) = (Outcome::Open, true);
+        let Break { submap, information, .. } = *carried;
+        let covariance = inverse(&information) + kidnapped_covariance();
+        if let Some(link) = self.link_to(submap) {
+            self.graph.set_information(link, symmetric(&inverse(&covariance)));
+        }
+    }
+
     /// The robot was not carried: what the front end says of its motion counts.
     fn stay(&mut self, at: usize) {
         self.breaks[at].outcome = Outcome::Stayed;
@@ -336,13 +381,18 @@ impl Hypothesis {
 }
 
 impl Break {
-    /// Hears what the submaps right before and after it say: where they had the same things in view, and these do not
-    /// look the same, the robot was carried; where they do, that is not certain.
-    fn judge(&mut self, comparisons: &[Comparison]) {
-        let across = comparisons.iter().find(|c| c.newer == self.submap && c.older + 1 == self.submap);
-        let Some(placement) = across.map(|comparison| &comparison.placements[0]) else { return };
-        if placement.verdict != Verdict::TooLittleInCommon {
-            self.interruption.is_certain = !placement.fits() || placement.quality() < STAYING_QUALITY;
-        }
+    /// Whether the motion to its submap counts for nothing.
+    fn is_interrupted(&self) -> bool {
+        matches!(self.outcome, Outcome::Open | Outcome::Found(_))
     }
+
+    /// How the submaps right before and after it lie to each other, where they were compared and had the same things in view.
+    fn across<'a>(&self, comparisons: &'a [Comparison]) -> Option<&'a Placement> {
+        let across = comparisons.iter().find(|c| c.newer == self.submap && c.older + 1 == self.submap)?;
+        Some(&across.placements[0]).filter(|placement| placement.verdict != Verdict::TooLittleInCommon)
+    }
+}
+
+fn looks_the_same(placement: &Placement) -> bool {
+    placement.fits() && placement.quality() >= STAYING_QUALITY
 }

@@ -4,7 +4,7 @@
 //! on the old map that is, is for the back end to find out.
 
 use super::local_map::LocalMap;
-use crate::scan_matcher::{MatchResult, MatcherConfig, outliers};
+use crate::scan_matcher::{MatchResult, MatcherConfig, inlier_share, outliers};
 use crate::surface::{SurfaceMap, SurfaceScan};
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +20,8 @@ const SUDDEN_LOSS: f64 = 0.28;
 /// Among trees and crowds less fits at times, and nothing has happened: what is this many standard deviations below the mean
 /// of the drive so far is not ordinary.
 const EXTRAORDINARY: f64 = 2.5;
+/// … of which a drive whose scans fit evenly has at least this.
+const LEAST_SIGMA: f64 = 0.03;
 /// Share of the newest scan in that mean.
 const NEWEST: f64 = 0.05;
 /// Either contradicts the map only if, of what it and the last scan in the map both had in view, more than this share lies on
@@ -41,12 +43,17 @@ const LEAST_GONE_SHARE: f64 = 0.1;
 const LOOKED_THROUGH_SHARE_ONE_WAY: f64 = 0.5;
 /// A map of fewer scans than this says little about what is to be seen: a robot that has just begun sees new things.
 const MATURE_SCANS: usize = 6;
+/// Where the odometry was contradicted by one of so many scans before, that is ordinary, too: wheels slip.
+const CALM_SCANS: usize = 20;
 
 /// What a scan says about where the robot is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Sighting {
     /// Nothing speaks against where it was matched; so many scans before it had not fitted.
     Fits { misfits_before: usize },
+    /// So it is, but it or one of those before it fitted worse than is ordinary for the drive, and not where the odometry has
+    /// the robot: either may happen, both together do when the robot was carried to where things look alike.
+    Suspicious { misfits_before: usize },
     /// It contradicts the map.
     Misfits,
     /// So did too many scans in a row. `scans` of them, this one included; `is_certain` where nothing fitted any more.
@@ -60,6 +67,12 @@ pub(super) struct LossDetector {
     misfits: usize,
     /// Whether each of them contradicts it beyond doubt.
     is_certain: bool,
+    /// Whether one of them, or the newest scan, is suspicious.
+    #[serde(default)]
+    is_suspicious: bool,
+    /// How many scans there were since the last one that contradicted the odometry.
+    #[serde(default)]
+    calm_scans: usize,
     /// Share of the last scan that fitted which lay on the map.
     usual_inlier_share: f64,
     /// Mean and variance of that share over the drive.
@@ -70,26 +83,30 @@ pub(super) struct LossDetector {
 }
 
 impl LossDetector {
-    /// Hears of the next scan and how it was matched to the map, if there was one.
+    /// Hears of the next scan and how it was matched to the map, if there was one, and whether that contradicts the odometry.
     pub(super) fn observe(
         &mut self,
         scan: &SurfaceScan,
         fit: Option<&MatchResult>,
+        contradicts_odometry: bool,
         map: &LocalMap,
         matcher: &MatcherConfig,
     ) -> Sighting {
         let fit = fit.filter(|_| scan.len() >= least_points(matcher) && map.scans() >= MATURE_SCANS);
         let is_contradicted = fit.map_or(Some(false), |fit| self.is_contradicted_by(scan, fit, map, matcher));
-        if let Some(fit) = fit {
-            let off = fit.inlier_share - self.mean_share;
-            let is_first = self.mean_share == 0.0;
-            self.mean_share += if is_first { off } else { NEWEST * off };
-            self.variance += if is_first { 0.0 } else { NEWEST * (off * off - self.variance) };
-        }
+        let is_suspicious = |fit| contradicts_odometry && self.is_extraordinary(scan, fit, map, matcher);
+        self.is_suspicious |= self.calm_scans >= CALM_SCANS && fit.is_some_and(is_suspicious);
+        fit.iter().for_each(|fit| self.learn(fit.inlier_share));
+        self.calm_scans = if contradicts_odometry { 0 } else { self.calm_scans.saturating_add(1) };
         // Scans of which nothing can be told leave it at what those before said.
         let Some(fit) = fit.filter(|_| is_contradicted.unwrap_or(self.misfits > 0)) else {
+            let misfits_before = std::mem::take(&mut self.misfits);
+            if std::mem::take(&mut self.is_suspicious) {
+                self.usual_inlier_share = 0.0;
+                return Sighting::Suspicious { misfits_before };
+            }
             self.usual_inlier_share = fit.map_or(0.0, |fit| fit.inlier_share);
-            return Sighting::Fits { misfits_before: std::mem::take(&mut self.misfits) };
+            return Sighting::Fits { misfits_before };
         };
         let is_certain = is_contradicted.is_some() && fit.inlier_share < LOST_INLIER_SHARE;
         self.is_certain = is_certain && (self.misfits == 0 || self.is_certain);
@@ -97,13 +114,33 @@ impl LossDetector {
         if self.misfits < MISFITS_BEFORE_LOSS {
             return Sighting::Misfits;
         }
-        self.usual_inlier_share = 0.0;
+        (self.usual_inlier_share, self.is_suspicious) = (0.0, false);
         Sighting::Lost { scans: std::mem::take(&mut self.misfits), is_certain: self.is_certain }
+    }
+
+    /// Learns what is ordinary for the drive from a scan of which so much lay on the map.
+    fn learn(&mut self, inlier_share: f64) {
+        let off = inlier_share - self.mean_share;
+        let is_first = self.mean_share == 0.0;
+        self.mean_share += if is_first { off } else { NEWEST * off };
+        self.variance += if is_first { 0.0 } else { NEWEST * (off * off - self.variance) };
+    }
+
+    /// Whether less of a scan lies on the map than is ordinary for the drive, and less of what the map had had in view, too:
+    /// what is new is no reason for doubt.
+    fn is_extraordinary(&self, scan: &SurfaceScan, fit: &MatchResult, map: &LocalMap, matcher: &MatcherConfig) -> bool {
+        let least = self.mean_share - EXTRAORDINARY * self.variance.sqrt().max(LEAST_SIGMA);
+        if fit.inlier_share >= least {
+            return false;
+        }
+        let pose = &fit.belief.pose;
+        let known = map.had_in_view(pose, scan);
+        known.len() >= 2 * least_points(matcher) && inlier_share(map.surfaces(), &known, pose, matcher) < least
     }
 
     /// The robot may be anywhere: of what went before nothing counts.
     pub(super) fn lose(&mut self) -> Sighting {
-        self.usual_inlier_share = 0.0;
+        (self.usual_inlier_share, self.is_suspicious) = (0.0, false);
         Sighting::Lost { scans: 1 + std::mem::take(&mut self.misfits), is_certain: false }
     }
 
@@ -153,37 +190,56 @@ fn least_points(matcher: &MatcherConfig) -> usize {
 mod tests {
     use super::*;
     use crate::geometry::Pose2;
+    use crate::scan_matcher::PoseBelief;
     use crate::scan_matcher::synthetic::Walls;
-    use crate::scan_matcher::{PoseBelief, inlier_share};
     use crate::surface::Thinning;
     use nalgebra::Matrix3;
     use std::sync::Arc;
 
-    /// What is said of a scan in which a room's western and eastern walls, 8 m apart, have moved to the east, of a drive of
-    /// which so much of scans ordinarily lies on the map.
-    fn sighting(moved_m: f64, ordinary_share: f64) -> Sighting {
-        let matcher = MatcherConfig::default();
-        let room =
-            |west: f64, east: f64| Walls::default().with_loop(&[[west, -3.0], [east, -3.0], [east, 3.0], [west, 3.0]]);
-        let seen = |walls: &Walls| SurfaceScan::new(&walls.scan_from(&Pose2::IDENTITY, 361), &Thinning::default());
-        let mut map = LocalMap::new(matcher.cell_m, 20.0);
-        let before = Arc::new(seen(&room(-4.0, 4.0)));
-        (0..MATURE_SCANS).for_each(|_| map.write(&Pose2::IDENTITY, &before, before.view_m(), false));
-        let scan = seen(&room(-4.0 + moved_m, 4.0 + moved_m));
-        let share = inlier_share(map.surfaces(), &scan, &Pose2::IDENTITY, &matcher);
-        let fit = MatchResult {
-            belief: PoseBelief { pose: Pose2::IDENTITY, information: Matrix3::identity() },
-            scan_information: Matrix3::identity(),
-            inlier_share: share,
-            score: -1.0,
-        };
-        let mut loss = LossDetector { usual_inlier_share: 1.0, mean_share: ordinary_share, ..LossDetector::default() };
-        loss.observe(&scan, Some(&fit), &map, &matcher)
+    /// What is seen from the middle of a room of 6 m whose western and eastern walls, 8 m apart, have moved to the east.
+    fn seen(moved_m: f64) -> Arc<SurfaceScan> {
+        let [west, east] = [-4.0, 4.0].map(|x_m: f64| x_m + moved_m);
+        let room = Walls::default().with_loop(&[[west, -3.0], [east, -3.0], [east, 3.0], [west, 3.0]]);
+        Arc::new(SurfaceScan::new(&room.scan_from(&Pose2::IDENTITY, 361), &Thinning::default()))
+    }
+
+    /// The map of that room before anything moved.
+    fn map() -> LocalMap {
+        let mut map = LocalMap::new(MatcherConfig::default().cell_m, 20.0);
+        let scan = seen(0.0);
+        (0..MATURE_SCANS).for_each(|_| map.write(&Pose2::IDENTITY, &scan, scan.view_m(), false));
+        map
+    }
+
+    /// A drive of which so much of scans ordinarily lies on the map, and nothing was suspicious for long.
+    fn drive(ordinary_share: f64) -> LossDetector {
+        let (mean_share, calm_scans) = (ordinary_share, CALM_SCANS);
+        LossDetector { usual_inlier_share: 1.0, mean_share, calm_scans, ..LossDetector::default() }
+    }
+
+    impl LossDetector {
+        /// What is said of a scan from the middle of the room.
+        fn hear_of(&mut self, scan: &SurfaceScan, map: &LocalMap) -> Sighting {
+            self.hear_of_where(scan, map, false)
+        }
+
+        /// The same, whether or not the odometry has the robot elsewhere.
+        fn hear_of_where(&mut self, scan: &SurfaceScan, map: &LocalMap, contradicts_odometry: bool) -> Sighting {
+            let matcher = MatcherConfig::default();
+            let fit = MatchResult {
+                belief: PoseBelief { pose: Pose2::IDENTITY, information: Matrix3::identity() },
+                scan_information: Matrix3::identity(),
+                inlier_share: inlier_share(map.surfaces(), scan, &Pose2::IDENTITY, &matcher),
+                score: -1.0,
+            };
+            self.observe(scan, Some(&fit), contradicts_odometry, map, &matcher)
+        }
     }
 
     #[test]
     fn what_contradicts_the_map_is_what_is_not_ordinary_for_the_drive() {
-        let fits = Sighting::Fits { misfits_before: 0 };
+        let (map, fits) = (map(), Sighting::Fits { misfits_before: 0 });
+        let sighting = |moved_m: f64, ordinary_share| drive(ordinary_share).hear_of(&seen(moved_m), &map);
         assert_eq!(sighting(0.0, 1.0), fits);
         // Two walls are elsewhere, but so near that no ray looked through them: that happens where a third is always missing.
         assert_eq!(sighting(0.2, 1.0), Sighting::Misfits);
@@ -191,5 +247,33 @@ mod tests {
         // What was looked through would have been hit, whatever is ordinary.
         assert_eq!(sighting(1.0, 1.0), Sighting::Misfits);
         assert_eq!(sighting(1.0, 0.8), Sighting::Misfits);
+    }
+
+    #[test]
+    fn what_is_missing_and_not_where_the_odometry_has_it_is_suspicious() {
+        let map = map();
+        let sighting = |mut drive: LossDetector, moved_m, contradicts_odometry| {
+            drive.hear_of_where(&seen(moved_m), &map, contradicts_odometry)
+        };
+        let fits = Sighting::Fits { misfits_before: 0 };
+        assert_eq!(sighting(drive(0.9), 0.2, true), Sighting::Suspicious { misfits_before: 0 });
+        // … where it is not ordinary, and the odometry was not contradicted just before.
+        assert_eq!(sighting(drive(0.9), 0.2, false), fits);
+        assert_eq!(sighting(drive(0.7), 0.2, true), fits);
+        assert_eq!(sighting(LossDetector { calm_scans: 0, ..drive(0.9) }, 0.2, true), fits);
+        // What was not in view before is not missing.
+        let scan = Arc::new(seen(0.0).filtered(|[_, y]| y > 0.5));
+        let mut half = LocalMap::new(MatcherConfig::default().cell_m, 20.0);
+        (0..MATURE_SCANS).for_each(|_| half.write(&Pose2::IDENTITY, &scan, scan.view_m(), false));
+        assert_eq!(drive(0.9).hear_of_where(&seen(0.0), &half, true), fits);
+        // A scan that contradicts the map is suspicious once those after it fit again, unless too many do in a row.
+        let mut transient = drive(1.0);
+        assert_eq!(transient.hear_of_where(&seen(1.0), &map, true), Sighting::Misfits);
+        let mut lost = transient;
+        assert_eq!(transient.hear_of(&seen(0.0), &map), Sighting::Suspicious { misfits_before: 1 });
+        assert_eq!(transient.hear_of(&seen(0.0), &map), fits);
+        assert_eq!(lost.hear_of(&seen(1.0), &map), Sighting::Misfits);
+        assert!(matches!(lost.hear_of(&seen(1.0), &map), Sighting::Lost { .. }));
+        assert_eq!(lost.hear_of(&seen(0.0), &map), fits);
     }
 }

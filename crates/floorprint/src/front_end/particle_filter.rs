@@ -162,8 +162,9 @@ impl ParticleFilter {
         let fits = self.predict_and_match(motion.as_ref(), steps.max(1.0), &scan);
         let sighting = self.notice_loss(&scan, &fits, steps);
         // Particles moved alike but for noise: the scan is due for all of them or for none.
-        let is_due = sighting != Sighting::Misfits && !scan.is_empty() && self.is_due();
-        let is_believed = matches!(sighting, Sighting::Fits { .. });
+        let is_suspicion = matches!(sighting, Sighting::Suspicious { .. });
+        let is_due = sighting != Sighting::Misfits && !scan.is_empty() && (is_suspicion || self.is_due());
+        let is_believed = is_suspicion || matches!(sighting, Sighting::Fits { .. });
         if is_due && is_believed {
             self.draw_and_weigh(&fits, &scan);
         }
@@ -189,9 +190,12 @@ impl ParticleFilter {
         profiler.enter(Phase::Map);
         let interruption = match sighting {
             Sighting::Lost { scans, is_certain } => {
-                Some(Interruption { frame: (self.steps + 1).saturating_sub(scans), is_certain })
+                Some(Interruption { frame: (self.steps + 1).saturating_sub(scans), is_certain, is_suspicion })
             }
-            _ => begins.then_some(Interruption { frame: self.steps, is_certain: false }),
+            Sighting::Suspicious { misfits_before } => {
+                Some(Interruption { frame: self.steps.saturating_sub(misfits_before), is_certain: false, is_suspicion })
+            }
+            _ => begins.then_some(Interruption { frame: self.steps, is_certain: false, is_suspicion }),
         };
         self.key_scan = is_due.then(|| self.write(&scan, interruption));
         for particle in &mut self.particles {
@@ -235,12 +239,16 @@ impl ParticleFilter {
             // A scan that fits badly somewhere else than the odometry has it does not tell where the robot came to while
             // nothing was seen.
             Some(loss) if is_gap(steps) && fit.is_some_and(Fit::is_far_off_and_bad) => loss.lose(),
-            Some(loss) => loss.observe(scan, fit.map(|fit| &fit.result), &self.particles[best].map, &self.matcher),
+            Some(loss) => {
+                let contradicts_odometry = fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed);
+                let map = &self.particles[best].map;
+                loss.observe(scan, fit.map(|fit| &fit.result), contradicts_odometry, map, &self.matcher)
+            }
             None => Sighting::Fits { misfits_before: 0 },
         };
         for particle in &mut self.particles {
             match sighting {
-                Sighting::Fits { misfits_before } => {
+                Sighting::Fits { misfits_before } | Sighting::Suspicious { misfits_before } => {
                     if misfits_before > 0 {
                         particle.correct_misfits();
                     }
