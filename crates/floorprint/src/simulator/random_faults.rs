@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
 /// The kinds, as a table names them.
-const KINDS: [&str; 15] = [
+pub(super) const KINDS: [&str; 15] = [
     "people",
     "crowd",
     "doors",
@@ -41,7 +41,8 @@ pub(super) fn random_faults(random: &mut Pcg64Mcg, world: &World, duration_s: f6
     (faults, if names.is_empty() { "none".to_owned() } else { names.join("+") })
 }
 
-fn draw(kind: &str, random: &mut Pcg64Mcg, world: &World, duration_s: f64) -> Vec<Fault> {
+/// The faults of one kind, as they come about on a drive that takes `duration_s` on a route of `world`.
+pub(super) fn draw(kind: &str, random: &mut Pcg64Mcg, world: &World, duration_s: f64) -> Vec<Fault> {
     let at_s = duration_s * random.random_range(0.25..0.75);
     let from_s = at_s;
     let mut seconds = |least: f64, most: f64| random.random_range(least..most).min(0.25 * duration_s);

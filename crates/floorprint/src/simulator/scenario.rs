@@ -1,7 +1,7 @@
 //! A whole drive drawn at random: a world, a robot with its sensors, and what goes wrong.
 
 use super::config::SimulationConfig;
-use super::random_faults::random_faults;
+use super::random_faults::{self, random_faults};
 use super::random_robot::random_robot;
 use super::random_world::{WorldKind, random_world};
 use super::world::World;
@@ -51,6 +51,20 @@ impl Scenario {
         Self { seed, world_kind: kind.name(), base: robot.base, lidar: robot.lidar, fault_kind, world, config }
     }
 
+    /// What can go wrong on a drive, as [`Scenario::with_fault`] takes it.
+    pub const FAULT_KINDS: &[&str] = &random_faults::KINDS;
+
+    /// The same drive with nothing going wrong but what `kind` is, one of [`Scenario::FAULT_KINDS`]: when and how much
+    /// follows from the scenario's number.
+    #[must_use]
+    pub fn with_fault(mut self, kind: &str) -> Self {
+        let random = &mut generator(self.seed, Stage::World, 103, u64::MAX);
+        let duration_s = self.world.route_length_m() / self.config.motion.speed_m_s;
+        self.config.faults = random_faults::draw(kind, random, &self.world, duration_s);
+        kind.clone_into(&mut self.fault_kind);
+        self
+    }
+
     /// The numbers of `count` scenarios that a seed stands for.
     pub fn seeds(seed: u64, count: u64) -> impl Iterator<Item = u64> {
         // Short enough to be typed.
@@ -78,6 +92,18 @@ mod tests {
             let (a, b) = (a.simulate().unwrap(), b.simulate().unwrap());
             assert_eq!(a.scan(3).ranges_m, b.scan(3).ranges_m);
         }
+    }
+
+    #[test]
+    fn a_scenario_can_have_any_one_fault() {
+        let scenario = Scenario::random(7);
+        for &kind in Scenario::FAULT_KINDS {
+            let (a, b) = (scenario.clone().with_fault(kind), Scenario::random(7).with_fault(kind));
+            assert_eq!((&a.config, a.fault_kind.as_str()), (&b.config, kind));
+            assert!(!a.config.faults.is_empty(), "{kind}");
+        }
+        let kidnapped = scenario.with_fault("kidnapping");
+        assert!(matches!(kidnapped.config.faults[..], [crate::simulator::Fault::Kidnapping { .. }]));
     }
 
     /// The robot drives through no wall and arrives, whatever the world: what the LiDAR sees is never inside its body.

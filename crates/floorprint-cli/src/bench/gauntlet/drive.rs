@@ -10,6 +10,7 @@ use crate::stopwatch::fine_cpu_time_s;
 use crate::terminal::Terminal;
 use anyhow::Context as _;
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use floorprint::Frames;
 use floorprint::evaluation::PoseError;
 use floorprint::geometry::Pose2;
@@ -30,6 +31,9 @@ const KIDNAPPED_WITHIN_S: f64 = 10.0;
 pub(crate) struct Arguments {
     /// The drive's seed.
     drive: u64,
+    /// Let nothing but this go wrong.
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(Scenario::FAULT_KINDS))]
+    fault: Option<String>,
     /// CPU time after which the system ends it, seconds.
     #[arg(long, default_value_t = 300)]
     cpu_limit: u32,
@@ -148,12 +152,21 @@ impl Followed {
     }
 }
 
+/// The drive of a number: as it was drawn, or with nothing going wrong but `fault`.
+pub(super) fn scenario(seed: u64, fault: Option<&str>) -> Scenario {
+    let drawn = Scenario::random(seed);
+    match fault {
+        Some(kind) => drawn.with_fault(kind),
+        None => drawn,
+    }
+}
+
 /// Runs `floorprint gauntlet-drive`.
 pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Result<Outcome> {
     let Settings { preset, set, .. } = &arguments.settings;
     limit_cpu_time(arguments.cpu_limit)?;
     let solved = solve(
-        Scenario::random(arguments.drive),
+        scenario(arguments.drive, arguments.fault.as_deref()),
         &Settings { preset: *preset, set: set.clone(), ..Settings::default() },
     )?;
     let picture = (solved.row.outcome != Verdict::Right).then(|| solved.picture());
@@ -162,9 +175,10 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
 }
 
 /// Solves a drive and leaves what can be looked at in a folder.
-pub(super) fn leave_folder(seed: u64, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
+pub(super) fn leave_folder(scenario: Scenario, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
     let preset = around.preset.parse().map_err(anyhow::Error::msg)?;
-    let solved = solve(Scenario::random(seed), &Settings { preset, set: around.set.to_vec(), ..Settings::default() })?;
+    let seed = scenario.seed;
+    let solved = solve(scenario, &Settings { preset, set: around.set.to_vec(), ..Settings::default() })?;
     let folder = around.out.join(format!("drive-{seed}"));
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     write_trajectory(&folder.join("trajectory.tum"), &solved.result.trajectory)?;

@@ -19,6 +19,7 @@ use crate::outcome::Outcome;
 use crate::program::Program;
 use anyhow::{Context as _, bail};
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use drive::{Answer, Row};
 use floorprint::simulator::Scenario;
 use floorprint_io::write_file;
@@ -42,9 +43,17 @@ pub(super) struct Options {
     /// in a folder of --out.
     #[arg(long, value_name = "SEED", conflicts_with = "gauntlet")]
     pub(super) gauntlet_drive: Option<u64>,
+    /// Let nothing but this go wrong on drives of the gauntlet, and on each of them.
+    #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new(Scenario::FAULT_KINDS))]
+    gauntlet_fault: Option<String>,
 }
 
 impl Options {
+    /// The drive of a number.
+    fn scenario(&self, seed: u64) -> Scenario {
+        drive::scenario(seed, self.gauntlet_fault.as_deref())
+    }
+
     /// Whether there are random drives to run.
     pub(super) fn is_asked_for(&self) -> bool {
         self.gauntlet.is_some() || self.gauntlet_drive.is_some()
@@ -98,19 +107,20 @@ impl<'a> Results<'a> {
 pub(super) fn execute(options: &Options, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
     Settings { set: around.set.to_vec(), ..Settings::default() }.resolve(None)?;
     match (options.gauntlet, options.gauntlet_drive) {
-        (_, Some(seed)) => drive::leave_folder(seed, around),
-        (Some(count), None) => run(count, around),
+        (_, Some(seed)) => drive::leave_folder(options.scenario(seed), around),
+        (Some(count), None) => run(count, options, around),
         (None, None) => bail!("no drives to run"),
     }
 }
 
-fn run(count: u64, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
+fn run(count: u64, options: &Options, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
     let terminal = around.terminal;
     fs::create_dir_all(around.out).with_context(|| format!("cannot make {}", around.out.display()))?;
     let interrupt = Interrupt::listen();
     let seeds: Vec<u64> = Scenario::seeds(around.drives.seed, count).collect();
-    let answers =
-        around.drives.side_by_side(&seeds, &interrupt, terminal, |&seed| answer_of(seed, around, &interrupt))?;
+    let answers = around
+        .drives
+        .side_by_side(&seeds, &interrupt, terminal, |&seed| answer_of(seed, options, around, &interrupt))?;
     let (rows, mut pictures): (Vec<Row>, Vec<(u64, Option<String>)>) =
         answers.into_iter().map(|Answer { row, picture }| (row.clone(), (row.seed, picture))).unzip();
     pictures.retain(|(_, picture)| picture.is_some());
@@ -130,17 +140,20 @@ fn run(count: u64, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
 }
 
 /// Runs one drive in a process of its own; whatever happens to it becomes its row.
-fn answer_of(seed: u64, around: &Surroundings<'_>, interrupt: &Interrupt) -> Answer {
-    let result = ask(seed, around, interrupt);
+fn answer_of(seed: u64, options: &Options, around: &Surroundings<'_>, interrupt: &Interrupt) -> Answer {
+    let result = ask(seed, options, around, interrupt);
     result.unwrap_or_else(|error| Answer {
-        row: Row::failed(&Scenario::random(seed), format!("{error:#}")),
+        row: Row::failed(&options.scenario(seed), format!("{error:#}")),
         picture: None,
     })
 }
 
-fn ask(seed: u64, around: &Surroundings<'_>, interrupt: &Interrupt) -> anyhow::Result<Answer> {
+fn ask(seed: u64, options: &Options, around: &Surroundings<'_>, interrupt: &Interrupt) -> anyhow::Result<Answer> {
     let mut command = Program::command()?;
     command.args(["gauntlet-drive", &seed.to_string(), "--quiet", "--preset", around.preset]);
+    if let Some(kind) = &options.gauntlet_fault {
+        command.args(["--fault", kind]);
+    }
     for setting in around.set {
         command.args(["--set", setting]);
     }
