@@ -144,9 +144,10 @@ impl LossDetector {
         Sighting::Lost { scans: 1 + std::mem::take(&mut self.misfits), is_certain: false }
     }
 
-    /// Whether a scan shows that the robot is not where it was matched: little of it lies on the map there, or
-    /// suddenly less than before, and of what it and the last scan in the map both had in view much is missing. A robot that turns to what it has not seen yet contradicts nothing; and in a corridor much fits
-    /// that is somewhere else. `None` where too little was in view of both.
+    /// Whether a scan shows that the robot is not where it was matched: little of it lies on the map there, or suddenly less
+    /// than before, and of what it and the last scan in the map both had in view much is missing. A robot that turns to what
+    /// it has not seen yet contradicts nothing; and in a corridor much fits that is somewhere else. `None` where too little
+    /// was in view of both.
     fn is_contradicted_by(
         &self,
         scan: &SurfaceScan,

@@ -190,12 +190,16 @@ impl ParticleFilter {
         profiler.enter(Phase::Map);
         let interruption = match sighting {
             Sighting::Lost { scans, is_certain } => {
-                Some(Interruption { frame: (self.steps + 1).saturating_sub(scans), is_certain, is_suspicion })
+                let frame = (self.steps + 1).saturating_sub(scans);
+                Some(Interruption { frame, is_certain, is_suspicion: false })
             }
             Sighting::Suspicious { misfits_before } => {
-                Some(Interruption { frame: self.steps.saturating_sub(misfits_before), is_certain: false, is_suspicion })
+                let frame = self.steps.saturating_sub(misfits_before);
+                Some(Interruption { frame, is_certain: false, is_suspicion: true })
             }
-            _ => begins.then_some(Interruption { frame: self.steps, is_certain: false, is_suspicion }),
+            Sighting::Fits { .. } | Sighting::Misfits => {
+                begins.then_some(Interruption { frame: self.steps, is_certain: false, is_suspicion: false })
+            }
         };
         self.key_scan = is_due.then(|| self.write(&scan, interruption));
         for particle in &mut self.particles {

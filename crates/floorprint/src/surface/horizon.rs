@@ -133,7 +133,7 @@ fn sector_of(dx: f32, dy: f32) -> usize {
         return 0;
     }
     let quarter_turns = if dx >= 0.0 { 1.0 + dy / length } else { 3.0 - dy / length };
-    // To a narrow number, which takes a third of the instructions.
+    // Through a narrow number, which is converted with a third of the instructions.
     usize::from((quarter_turns * (SECTORS / 4) as f32) as u16).min(SECTORS - 1)
 }
 
