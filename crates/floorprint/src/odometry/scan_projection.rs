@@ -150,9 +150,11 @@ impl ScanProjection {
 
     /// The standard deviation that the scan's ranges show, metres; `None` where they do not tell.
     fn shown_noise_m(&self, scan: &Scan) -> Option<f32> {
-        let is_hit = |range_m: f32, reach_m: f32| range_m > 0.0 && range_m >= self.nearest_m && range_m < reach_m;
-        let reach_m = &self.reach_m;
-        self.bends.noise_m(&scan.ranges_m, |ray| is_hit(scan.ranges_m[ray], reach_m[ray]))
+        let nearest_m = self.nearest_m;
+        let is_hit =
+            |(&range_m, &reach_m): (&f32, &f32)| (range_m > 0.0) & (range_m >= nearest_m) & (range_m < reach_m);
+        let are_hits: Vec<bool> = scan.ranges_m.iter().zip(&self.reach_m).map(is_hit).collect();
+        self.bends.noise_m(&scan.ranges_m, &are_hits)
     }
 
     /// The scan's points in the body's frame at its stamp.
