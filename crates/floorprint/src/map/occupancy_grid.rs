@@ -146,14 +146,17 @@ impl OccupancyGrid {
         let cell_of = |point_m: [f32; 2]| Cell::containing(to_world(point_m.map(f64::from)), inverse_resolution);
         let origin = Cell::containing(to_world(scan.origin_m), inverse_resolution);
         let mut rays = Vec::with_capacity(scan.hits.len() + scan.free_ends.len());
-        for (index, point) in scan.hits.iter().enumerate() {
-            let end = cell_of(point);
-            let passed_to = if self.grazing_clearance_m > 0.0 {
-                cell_of(short_of_grazed_surface(scan, index, self.grazing_clearance_m))
-            } else {
-                end
-            };
-            rays.push(Ray { passed_to: Some(passed_to), end: Some(end) });
+        if self.grazing_clearance_m > 0.0 {
+            let passed_to = short_of_grazed_surfaces(scan, self.grazing_clearance_m);
+            rays.extend(
+                scan.hits
+                    .iter()
+                    .zip(passed_to)
+                    .map(|(end, passed_to)| Ray { passed_to: Some(cell_of(passed_to)), end: Some(cell_of(end)) }),
+            );
+        } else {
+            let ends = scan.hits.iter().map(|end| Some(cell_of(end)));
+            rays.extend(ends.map(|end| Ray { passed_to: end, end }));
         }
         rays.extend(scan.free_ends.iter().map(|point| Ray { passed_to: Some(cell_of(point)), end: None }));
         let Some(mut tiles) = open_tiles(&mut self.tiles, origin, &mut rays) else { return };
@@ -363,29 +366,37 @@ fn bands(reached: &[TileRectangle], count: usize) -> Vec<Range<i32>> {
     bands
 }
 
-/// The last point of a ray (metres, body's frame) that is farther than `clearance_m` from the
-/// surface it ends on, or its end where it meets the surface squarely.
+/// Of each ray that hits something the last point (metres, body's frame) that is farther than `clearance_m` from the surface it
+/// ends on, or its end where it meets the surface squarely.
 ///
 /// A ray that grazes a wall runs through the wall's own cells before it ends in one of them;
 /// taken as passed they would eat the wall away.
-fn short_of_grazed_surface(scan: &BodyScan, index: usize, clearance_m: f32) -> [f32; 2] {
+fn short_of_grazed_surfaces(scan: &BodyScan, clearance_m: f32) -> Vec<[f32; 2]> {
     let (xs, ys) = (&scan.hits.x_m, &scan.hits.y_m);
-    let end = [xs[index], ys[index]];
-    let ray = [end[0] - scan.origin_m[0] as f32, end[1] - scan.origin_m[1] as f32];
-    let range = length(ray);
-    // The surface runs towards the nearer neighbour in the scan, if that is on the same surface.
-    let to = |other: usize| [xs[other] - end[0], ys[other] - end[1]];
-    let neighbours = [index.checked_sub(1), (index + 1 < xs.len()).then_some(index + 1)];
-    let nearest = neighbours.into_iter().flatten().map(to).min_by(|a, b| length(*a).total_cmp(&length(*b)));
-    let Some(along) = nearest.filter(|along| length(*along) > 0.0 && length(*along) < SAME_SURFACE_SHARE * range)
-    else {
-        return end;
-    };
-    let sine = (ray[0] * along[1] - ray[1] * along[0]).abs() / (range * length(along)).max(f32::MIN_POSITIVE);
-    // What a square hit leaves out (nothing) and a grazing one (much), at most half the ray.
-    let left_out = (clearance_m * (1.0 / sine.max(1e-3) - 1.0)).min(0.5 * range);
-    let share = 1.0 - left_out / range.max(f32::MIN_POSITIVE);
-    [scan.origin_m[0] as f32 + share * ray[0], scan.origin_m[1] as f32 + share * ray[1]]
+    let origin = scan.origin_m.map(|coordinate| coordinate as f32);
+    let nothing = ([0.0; 2], f32::INFINITY);
+    let to_next = xs.windows(2).zip(ys.windows(2)).map(|(x, y)| {
+        let step = [x[1] - x[0], y[1] - y[0]];
+        (step, length(step))
+    });
+    let mut from_last = nothing;
+    (xs.iter().zip(ys).zip(to_next.chain([nothing])))
+        .map(|((&x, &y), to_next)| {
+            let ray = [x - origin[0], y - origin[1]];
+            let range = length(ray);
+            // The surface runs towards the nearer neighbour in the scan, if that is on the same surface.
+            let (along, distance) = if from_last.1 <= to_next.1 { from_last } else { to_next };
+            from_last = to_next;
+            if !(distance > 0.0 && distance < SAME_SURFACE_SHARE * range) {
+                return [x, y];
+            }
+            let sine = (ray[0] * along[1] - ray[1] * along[0]).abs() / (range * distance).max(f32::MIN_POSITIVE);
+            // What a square hit leaves out (nothing) and a grazing one (much), at most half the ray.
+            let left_out = (clearance_m * (1.0 / sine.max(1e-3) - 1.0)).min(0.5 * range);
+            let share = 1.0 - left_out / range.max(f32::MIN_POSITIVE);
+            [origin[0] + share * ray[0], origin[1] + share * ray[1]]
+        })
+        .collect()
 }
 
 fn length([x, y]: [f32; 2]) -> f32 {
