@@ -32,6 +32,8 @@ pub(super) struct View {
     /// The same for searching; made when it is first needed.
     search: Option<PlaceSearch>,
     used: u64,
+    /// Whether the submap was the newest, so that its next neighbour is missing.
+    is_of_newest: bool,
 }
 
 #[derive(Debug)]
@@ -88,6 +90,7 @@ impl ViewCache {
     /// Makes the view of a submap with its neighbours.
     fn learn(&mut self, index: usize, submaps: &[Arc<Submap>], cell_m: f64) {
         self.clock += 1;
+        self.views.retain(|&submap, view| !view.is_of_newest || submap + 1 == submaps.len());
         if let Some(view) = self.views.get_mut(&index) {
             view.used = self.clock;
             return;
@@ -117,7 +120,8 @@ impl ViewCache {
         for part in &parts {
             map.add_scan(&part.view_from_part, &part.look.surfaces);
         }
-        self.views.insert(index, View { map, parts, search: None, used: self.clock });
+        let is_of_newest = index + 1 == submaps.len();
+        self.views.insert(index, View { map, parts, search: None, used: self.clock, is_of_newest });
     }
 
     /// Looks for the newer submap on the older one around where it is expected.
@@ -130,7 +134,6 @@ impl ViewCache {
         config: &LoopClosureConfig,
         matcher: &MatcherConfig,
     ) -> Comparison {
-        // The newest submap's view lacks its next neighbour: it must not be kept as it is.
         self.learn(newer, submaps, matcher.cell_m);
         self.learn(older, submaps, matcher.cell_m);
         let looks = [older, newer].map(|index| self.look(index, submaps));
@@ -146,9 +149,6 @@ impl ViewCache {
             for placement in &mut placements {
                 placement.verify([old, new], probes, submaps, config, matcher);
             }
-        }
-        if newer + 1 == submaps.len() {
-            self.views.remove(&newer);
         }
         placements.sort_by(|a, b| b.fits().cmp(&a.fits()).then(b.quality().total_cmp(&a.quality())));
         Comparison { older, newer, expected, uncertainty, placements }
