@@ -348,8 +348,9 @@ impl Hypothesis {
                 // Of a suspicion nothing remains where what both had in view does, or where they fit there and not a little
                 // farther on. Who drives on has much in view that was so before: having little in common is no excuse.
                 Outcome::Suspected => {
-                    let is_there = |placement: &Placement| {
-                        placement.quality() >= STAYING_QUALITY || placement.fits() && placement.is_conclusive()
+                    let is_there = |placement: &Placement| match placement.verdict {
+                        Verdict::TooLittleInCommon => placement.quality() >= STAYING_QUALITY,
+                        _ => looks_the_same(placement) || placement.fits() && placement.is_conclusive(),
                     };
                     if undecided.compared(comparisons).is_none_or(is_there) {
                         undecided.outcome = Outcome::Stayed;
