@@ -5,8 +5,9 @@
 use floorprint::config::{Layer, Preset};
 use floorprint::geometry::Pose2;
 use floorprint::sensors::{Record, RobotConfig, Scan, ScanGeometry};
+use floorprint::session::{Session, SessionState, StoredScan, pack_poses, unpack_poses};
 use floorprint::texture::ImagePair;
-use floorprint::{Config, Frames, SensorId, Slam};
+use floorprint::{CompactScan, Config, Frames, SensorId, Slam};
 use floorprint_io::{
     DataSet, OpenOptions, open, open_log, parse_map, read_floor, read_g2o, read_png, read_relations, read_trajectory,
 };
@@ -20,7 +21,7 @@ use std::sync::{Arc, LazyLock};
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 14] = [
     ("carmen", carmen),
     ("encoder_log", encoder_log),
     ("ece276a", ece276a),
@@ -34,6 +35,7 @@ pub const TARGETS: [Target; 13] = [
     ("png", png),
     ("floor", floor),
     ("slam", slam),
+    ("session", session),
 ];
 
 /// A folder in memory where the system has one there, removed with its thread.
@@ -217,6 +219,29 @@ static CONFIGS: LazyLock<Vec<Config>> = LazyLock::new(|| {
 pub fn slam(bytes: &[u8]) {
     let Some((&first, rest)) = bytes.split_first() else { return };
     let config = &CONFIGS[usize::from(first) % CONFIGS.len()];
+    let records = records(rest);
+    let Ok(frames) = Frames::new(&records, config) else { return };
+    let mut slam = Slam::new(config);
+    let taken = drive(&mut slam, &frames);
+    let result = slam.finish();
+    assert_eq!(result.trajectory.len(), taken);
+    assert!(result.trajectory.iter().all(|stamped| stamped.pose.is_finite()));
+}
+
+/// Takes in all frames; tells how many of them were taken.
+fn drive(slam: &mut Slam, frames: &Frames<'_>) -> usize {
+    let mut taken = 0;
+    for frame in frames.iter() {
+        if let Ok(step) = slam.process(&frame) {
+            assert!(step.pose.is_finite(), "{step:?}");
+            taken += 1;
+        }
+    }
+    taken
+}
+
+/// Three bytes of motion and one for each ray of each scan.
+fn records(bytes: &[u8]) -> Vec<Record> {
     let step_rad = 6.0 / RAYS as f64;
     let geometry = Arc::new(ScanGeometry {
         angles_rad: (0..RAYS).map(|ray| -3.0 + ray as f64 * step_rad).collect(),
@@ -226,7 +251,7 @@ pub fn slam(bytes: &[u8]) {
         below_minimum_is_no_return: false,
     });
     let mut pose = Pose2::IDENTITY;
-    let records: Vec<Record> = rest
+    bytes
         .chunks_exact(3 + RAYS)
         .take(30)
         .enumerate()
@@ -243,17 +268,100 @@ pub fn slam(bytes: &[u8]) {
                 odometry: Some(pose),
             })
         })
-        .collect();
-    let Ok(frames) = Frames::new(&records, config) else { return };
-    let mut slam = Slam::new(config);
-    let mut taken = 0;
-    for frame in frames.iter() {
-        if let Ok(step) = slam.process(&frame) {
-            assert!(step.pose.is_finite(), "{step:?}");
-            taken += 1;
+        .collect()
+}
+
+/// A session as it is stored, in its parts.
+#[derive(Clone)]
+struct Stored {
+    state: Vec<u8>,
+    submaps: Vec<Vec<u8>>,
+    poses: Vec<u8>,
+    scans: Vec<(usize, Vec<u8>)>,
+}
+
+impl Stored {
+    /// A short drive through something, around a corner and back, which may have ended.
+    fn new(has_ended: bool) -> Self {
+        let config = &CONFIGS[0];
+        let scan = |index: usize| {
+            let turn = if index % 8 == 7 { 100 } else { 0 };
+            let wall = move |ray: usize| 60 + (ray as u8 * 7 + index as u8) % 90;
+            [20, 0, turn].into_iter().chain((0..RAYS).map(wall))
+        };
+        let records = records(&(0..30).flat_map(scan).collect::<Vec<u8>>());
+        let frames = Frames::new(&records, config).expect("records with scans");
+        let mut slam = Slam::new(config);
+        drive(&mut slam, &frames);
+        let session = if has_ended { slam.finish().session } else { slam.session().clone() };
+        Self {
+            state: rmp_serde::to_vec_named(&session.state(&config.matcher)).expect("a state"),
+            submaps: session
+                .submaps()
+                .iter()
+                .map(|submap| rmp_serde::to_vec_named(submap.as_ref()).expect("a submap"))
+                .collect(),
+            poses: pack_poses(&session.poses()),
+            scans: session.scans().iter().map(|scan| (scan.frame, scan.points.bytes())).collect(),
         }
     }
-    let result = slam.finish();
-    assert_eq!(result.trajectory.len(), taken);
-    assert!(result.trajectory.iter().all(|stamped| stamped.pose.is_finite()));
+
+    /// The session that is made of the parts, if they make one.
+    fn load(&self) -> Option<Session> {
+        let mut state: SessionState = rmp_serde::from_slice(&self.state).ok()?;
+        let submaps: Option<Vec<_>> = self.submaps.iter().map(|submap| rmp_serde::from_slice(submap).ok()).collect();
+        state.set_submaps(submaps?);
+        let scans = self.scans.iter().map(|(frame, points)| {
+            Some(StoredScan { frame: *frame, points: CompactScan::from_bytes(points)?, is_drawn: true })
+        });
+        Session::restore(state, unpack_poses(&self.poses)?, scans.collect::<Option<_>>()?).ok()
+    }
+}
+
+/// Two stored sessions: of a drive under way and of one that has ended.
+static STORED: LazyLock<[Stored; 2]> = LazyLock::new(|| [false, true].map(Stored::new));
+
+/// A stored session with one part changed: a byte says which kind, another which of those, the rest how. What can be loaded can
+/// be drawn, stored and gone on with.
+pub fn session(bytes: &[u8]) {
+    let &[which, number, ref part @ ..] = bytes else { return };
+    let stored = &STORED[usize::from(which & 1)];
+    let Stored { mut state, mut submaps, mut poses, mut scans } = stored.clone();
+    match (which >> 1) & 3 {
+        0 => state = with_patches(&state, part),
+        1 => {
+            let count = submaps.len();
+            let submap = &mut submaps[usize::from(number) % count];
+            *submap = with_patches(submap, part);
+        }
+        2 => poses = part.to_vec(),
+        _ => {
+            let count = scans.len();
+            scans[usize::from(number) % count].1 = part.to_vec();
+        }
+    }
+    let Some(session) = (Stored { state, submaps, poses, scans }).load() else { return };
+    let config = &CONFIGS[0];
+    let grid = session.map();
+    drop(grid.to_raster());
+    assert!(session.trajectory().len() == session.frames());
+    drop(session.graph());
+    rmp_serde::to_vec_named(&session.state(&config.matcher)).expect("what was read can be written");
+    let Ok(mut slam) = Slam::resume(session, config) else { return };
+    let records = records(&[80; 3 * (3 + RAYS)]);
+    let Ok(frames) = Frames::new(&records, config) else { return };
+    drive(&mut slam, &frames);
+    drop(slam.finish());
+}
+
+/// Bytes with some of them replaced: two bytes say which, a third what by.
+fn with_patches(whole: &[u8], patches: &[u8]) -> Vec<u8> {
+    let mut patched = whole.to_vec();
+    for patch in patches.chunks_exact(3) {
+        let at = usize::from(u16::from_le_bytes([patch[0], patch[1]])) % patched.len().max(1);
+        if let Some(byte) = patched.get_mut(at) {
+            *byte = patch[2];
+        }
+    }
+    patched
 }
