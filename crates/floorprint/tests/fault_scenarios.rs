@@ -229,18 +229,15 @@ fn where_many_places_look_the_same_a_carried_robot_is_said_to_be_lost() {
     }
 }
 
-/// In dormitories, a mall and mixtures of kinds of buildings much of what is seen right after fits where the robot was thought to
-/// be: what tells is a scan that fits worse than is ordinary and elsewhere than the odometry says, or three that show other
-/// things than were to be seen. Until that is certain the robot is said to be who knows where, in the end it is found.
+/// In a dormitory and in a mixture of kinds of buildings much of what is seen right after fits where the robot was thought to be:
+/// a scan alone tells, that fits worse than is ordinary and elsewhere than the odometry says. Until that is certain the robot
+/// is said to be who knows where, in the end it is found.
 #[test]
 fn a_robot_that_was_carried_to_where_much_looks_alike_is_found_again() {
-    let mut carried_back = Scenario::random(462_022_663);
-    let driven_s = carried_back.world.route_length_m() / carried_back.config.motion.speed_m_s;
-    carried_back.config.faults = vec![Fault::Kidnapping { at_s: 0.56 * driven_s, ahead_m: -25.0 }];
-    let drawn =
-        [2_002_836_809, 1_425_977_817, 3_964_258_257].map(|seed| Scenario::random(seed).with_fault("kidnapping"));
-    for scenario in std::iter::once(carried_back).chain(drawn) {
-        let seed = scenario.seed;
+    for (seed, share, ahead_m) in [(1_570_022_541, 0.47, -15.0), (462_022_663, 0.56, -25.0)] {
+        let mut scenario = Scenario::random(seed);
+        let driven_s = scenario.world.route_length_m() / scenario.config.motion.speed_m_s;
+        scenario.config.faults = vec![Fault::Kidnapping { at_s: share * driven_s, ahead_m }];
         let drive = scenario.simulate().unwrap();
         let config = Config { seed, ..Config::resolve(&[Layer::from_robot(&scenario.config.robot)]).unwrap() };
         let (records, truth) = (drive.records(), drive.truth());
