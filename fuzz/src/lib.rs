@@ -294,7 +294,7 @@ impl Stored {
         let mut slam = Slam::new(config);
         drive(&mut slam, &frames);
         let session = if has_ended { slam.finish().session } else { slam.session().clone() };
-        Self {
+        let stored = Self {
             state: rmp_serde::to_vec_named(&session.state(&config.matcher)).expect("a state"),
             submaps: session
                 .submaps()
@@ -303,7 +303,9 @@ impl Stored {
                 .collect(),
             poses: pack_poses(&session.poses()),
             scans: session.scans().iter().map(|scan| (scan.frame, scan.points.bytes())).collect(),
-        }
+        };
+        assert!(stored.load().is_some_and(|session| session.frames() == 30), "what was stored is loaded");
+        stored
     }
 
     /// The session that is made of the parts, if they make one.
@@ -344,7 +346,7 @@ pub fn session(bytes: &[u8]) {
     let config = &CONFIGS[0];
     let grid = session.map();
     drop(grid.to_raster());
-    assert!(session.trajectory().len() == session.frames());
+    assert_eq!(session.trajectory().len(), session.frames());
     drop(session.graph());
     rmp_serde::to_vec_named(&session.state(&config.matcher)).expect("what was read can be written");
     let Ok(mut slam) = Slam::resume(session, config) else { return };

@@ -946,3 +946,22 @@ fn pipes_in_a_data_set_are_refused_at_once() {
     let message = failure(&["info", data.to_str().unwrap()], 1);
     assert!(message.contains("a pipe or a device"), "{message}");
 }
+
+#[test]
+fn a_gauntlet_can_have_any_one_fault() {
+    let message = failure(&["bench", "--gauntlet-fault", "doors"], 1);
+    assert!(message.contains("--gauntlet N or --gauntlet-drive SEED"), "{message}");
+    let message = failure(&["bench", "--gauntlet", "1", "--gauntlet-fault", "misprint"], 2);
+    assert!(message.contains("misprint") && message.contains("kidnapping"), "{message}");
+
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let output = floorprint(&["bench", "--gauntlet", "1", "--seed", "5", "--gauntlet-fault", "doors", "--out", out]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let table = text(&output.stdout);
+    assert!(table.contains("on which nothing but doors goes wrong"), "{table}");
+    assert!(table.contains("`floorprint bench --gauntlet-drive SEED --gauntlet-fault doors`"), "{table}");
+    let results: serde_json::Value =
+        serde_json::from_slice(&fs::read(folder.path().join("gauntlet.json")).unwrap()).unwrap();
+    assert_eq!((&results["fault"], &results["rows"][0]["fault"]), (&"doors".into(), &"doors".into()));
+}

@@ -55,14 +55,17 @@ impl Scenario {
     pub const FAULT_KINDS: &[&str] = &random_faults::KINDS;
 
     /// The same drive with nothing going wrong but what `kind` is, one of [`Scenario::FAULT_KINDS`]: when and how much
-    /// follows from the scenario's number.
+    /// follows from the scenario's number. `None` for any other kind.
     #[must_use]
-    pub fn with_fault(mut self, kind: &str) -> Self {
+    pub fn with_fault(mut self, kind: &str) -> Option<Self> {
+        if !Self::FAULT_KINDS.contains(&kind) {
+            return None;
+        }
         let random = &mut generator(self.seed, Stage::World, 103, u64::MAX);
         let duration_s = self.world.route_length_m() / self.config.motion.speed_m_s;
         self.config.faults = random_faults::draw(kind, random, &self.world, duration_s);
         kind.clone_into(&mut self.fault_kind);
-        self
+        Some(self)
     }
 
     /// The numbers of `count` scenarios that a seed stands for.
@@ -98,11 +101,12 @@ mod tests {
     fn a_scenario_can_have_any_one_fault() {
         let scenario = Scenario::random(7);
         for &kind in Scenario::FAULT_KINDS {
-            let (a, b) = (scenario.clone().with_fault(kind), Scenario::random(7).with_fault(kind));
+            let [a, b] = [&scenario, &Scenario::random(7)].map(|scenario| scenario.clone().with_fault(kind).unwrap());
             assert_eq!((&a.config, a.fault_kind.as_str()), (&b.config, kind));
             assert!(!a.config.faults.is_empty(), "{kind}");
         }
-        let kidnapped = scenario.with_fault("kidnapping");
+        assert!(scenario.clone().with_fault("misprint").is_none());
+        let kidnapped = scenario.with_fault("kidnapping").unwrap();
         assert!(matches!(kidnapped.config.faults[..], [crate::simulator::Fault::Kidnapping { .. }]));
     }
 

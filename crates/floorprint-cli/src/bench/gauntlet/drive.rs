@@ -155,10 +155,8 @@ impl Followed {
 /// The drive of a number: as it was drawn, or with nothing going wrong but `fault`.
 pub(super) fn scenario(seed: u64, fault: Option<&str>) -> Scenario {
     let drawn = Scenario::random(seed);
-    match fault {
-        Some(kind) => drawn.with_fault(kind),
-        None => drawn,
-    }
+    // What is no kind of fault the command line has refused.
+    fault.and_then(|kind| drawn.clone().with_fault(kind)).unwrap_or(drawn)
 }
 
 /// Runs `floorprint gauntlet-drive`.

@@ -56,7 +56,7 @@ impl Options {
 
     /// Whether there are random drives to run.
     pub(super) fn is_asked_for(&self) -> bool {
-        self.gauntlet.is_some() || self.gauntlet_drive.is_some()
+        self.gauntlet.is_some() || self.gauntlet_drive.is_some() || self.gauntlet_fault.is_some()
     }
 }
 
@@ -67,6 +67,9 @@ struct Results<'a> {
     version: &'static str,
     /// The gauntlet's seed.
     seed: u64,
+    /// What alone went wrong, on each of the drives; none where each has faults of its own or none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fault: Option<&'a str>,
     /// Drives that were run.
     drives: usize,
     /// Those right from beginning to end.
@@ -86,11 +89,12 @@ struct Results<'a> {
 }
 
 impl<'a> Results<'a> {
-    fn new(seed: u64, rows: &'a [Row], interrupted: bool) -> Self {
+    fn new(seed: u64, fault: Option<&'a str>, rows: &'a [Row], interrupted: bool) -> Self {
         let count = |verdict: Verdict| rows.iter().filter(|row| row.outcome == verdict).count();
         Self {
             version: env!("CARGO_PKG_VERSION"),
             seed,
+            fault,
             drives: rows.len(),
             right: count(Verdict::Right),
             told: count(Verdict::Told),
@@ -109,7 +113,7 @@ pub(super) fn execute(options: &Options, around: &Surroundings<'_>) -> anyhow::R
     match (options.gauntlet, options.gauntlet_drive) {
         (_, Some(seed)) => drive::leave_folder(options.scenario(seed), around),
         (Some(count), None) => run(count, options, around),
-        (None, None) => bail!("no drives to run"),
+        (None, None) => bail!("no drives to run: --gauntlet-fault goes with --gauntlet N or --gauntlet-drive SEED"),
     }
 }
 
@@ -124,7 +128,7 @@ fn run(count: u64, options: &Options, around: &Surroundings<'_>) -> anyhow::Resu
     let (rows, mut pictures): (Vec<Row>, Vec<(u64, Option<String>)>) =
         answers.into_iter().map(|Answer { row, picture }| (row.clone(), (row.seed, picture))).unzip();
     pictures.retain(|(_, picture)| picture.is_some());
-    let results = Results::new(around.drives.seed, &rows, interrupt.requested());
+    let results = Results::new(around.drives.seed, options.gauntlet_fault.as_deref(), &rows, interrupt.requested());
     let markdown = table::markdown(&results, around.preset, around.set);
     let json = serde_json::to_string_pretty(&results)? + "\n";
     write_file(&around.out.join("gauntlet.md"), markdown.as_bytes())?;

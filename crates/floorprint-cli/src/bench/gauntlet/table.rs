@@ -15,7 +15,8 @@ pub(super) fn markdown(results: &Results<'_>, preset: &str, settings: &[String])
     for (title, kind) in GROUPS {
         let _ = write!(text, "\n{}", group(results.rows, title, kind));
     }
-    text.push_str("\nThe worst, each to be run alone with `floorprint bench --gauntlet-drive SEED`:\n\n");
+    let fault = results.fault.map_or_else(String::new, |kind| format!(" --gauntlet-fault {kind}"));
+    let _ = writeln!(text, "\nThe worst, each to be run alone with `floorprint bench --gauntlet-drive SEED{fault}`:\n");
     text.push_str(
         "| seed | outcome | world | base | LiDAR | fault | claimed m | ° | wrong s live / end | odometry m |\n",
     );
@@ -57,6 +58,7 @@ pub(super) fn worst(rows: &[Row]) -> Vec<&Row> {
 fn summary(results: &Results<'_>, preset: &str, settings: &[String]) -> String {
     let Results { version, seed, drives, right, told, silently_wrong, failed, worse_than_odometry, rows, .. } = results;
     let share = |count: usize| 100.0 * count as f64 / (*drives).max(1) as f64;
+    let alone = results.fault.map_or_else(String::new, |kind| format!(" on which nothing but {kind} goes wrong,"));
     let with = if settings.is_empty() { String::new() } else { format!(" with {}", settings.join(", ")) };
     let sum = |value: fn(&Row) -> f64| rows.iter().map(value).sum::<f64>();
     let hours = sum(|row| row.duration_s) / 3600.0;
@@ -66,7 +68,7 @@ fn summary(results: &Results<'_>, preset: &str, settings: &[String]) -> String {
     let noticed: usize = rows.iter().map(|row| row.kidnappings_noticed).sum();
     let invented: usize = rows.iter().map(|row| row.false_kidnappings).sum();
     format!(
-        "Floorprint {version}, preset {preset}{with}: gauntlet of {drives} drives with seed {seed}, {hours:.1} h and {:.1} km of driving.\n\n\
+        "Floorprint {version}, preset {preset}{with}: gauntlet of {drives} drives{alone} with seed {seed}, {hours:.1} h and {:.1} km of driving.\n\n\
          | right | told | silently wrong | no result | worse than the odometry without a word |\n|---|---|---|---|---|\n\
          | {right} ({:.1} %) | {told} ({:.1} %) | {silently_wrong} ({:.1} %) | {failed} | {worse_than_odometry} |\n\n\
          CPU {:.0} s, {:.2} s of the worst drive; the longest step {slowest_ms:.0} ms, more than 20 ms in {slow} drives. \
