@@ -62,7 +62,8 @@ const AT_ONCE: usize = 1 << 16;
 fn occurrences(ranges_m: impl Iterator<Item = f32>) -> Vec<(f32, usize)> {
     let mut counted: Vec<(f32, usize)> = Vec::new();
     let count = |counted: &mut Vec<(f32, usize)>| {
-        counted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        // Stable, for what was counted before is in order already: that sort only merges it with what has come since.
+        counted.sort_by(|a, b| a.0.total_cmp(&b.0));
         counted.dedup_by(|next, kept| {
             let is_same = next.0 == kept.0;
             kept.1 += if is_same { next.1 } else { 0 };
