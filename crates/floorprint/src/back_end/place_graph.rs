@@ -216,24 +216,33 @@ impl PlaceGraph {
     #[must_use]
     pub fn uncertainty(&self) -> Uncertainty {
         let newest = self.in_the_world.last().copied().unwrap_or_default();
+        // The way from the newest submap that the hypotheses know to the one in the making is in neither of them.
+        let ended = self.submaps[self.taken..].iter().filter_map(|submap| submap.link.as_ref());
+        let mut since = Uncertainty::of(self.builder.covariance());
+        let mut drift = *self.builder.drift();
+        for link in ended.chain(self.builder.link()) {
+            since = since.and(&Uncertainty::of(&link.covariance));
+            drift.add(&link.drift);
+        }
         let suspected =
             if self.is_suspected() { Uncertainty::of(&suspected_covariance()) } else { Uncertainty::default() };
-        newest.and(&Uncertainty::of(self.builder.covariance())).and(&suspected).after(self.builder.drift())
+        newest.and(&since).and(&suspected).after(&drift)
     }
 
     /// How uncertain each of the first `frames` poses of the drive is in the world: as much as the less certain one
-    /// of the submaps before and after it.
+    /// of the submaps before and after it, or as the newest key scan after the last one.
     #[must_use]
     pub fn uncertainties(&self, frames: usize) -> Vec<Uncertainty> {
         let in_play = self.hypotheses[0].in_play().zip(&self.in_the_world);
         let mut known = in_play.map(|((submap, _), uncertainty)| (self.submaps[submap].first, *uncertainty)).peekable();
         let mut before = Uncertainty::default();
+        let newest = self.uncertainty();
         (0..frames)
             .map(|frame| {
                 while let Some((_, here)) = known.next_if(|(first, _)| *first <= frame) {
                     before = here;
                 }
-                let after = known.peek().map_or(before, |(_, after)| *after);
+                let after = known.peek().map_or(newest, |(_, after)| *after);
                 if after.sigma_m > before.sigma_m { after } else { before }
             })
             .collect()

@@ -135,6 +135,11 @@ impl SubmapBuilder {
         self.open.first().map(|first| first.frame)
     }
 
+    /// What led to the first key scan of the submap in the making, if there is one and it is not the first of the drive.
+    pub(super) fn link(&self) -> Option<&Link> {
+        self.link.as_ref().filter(|_| !self.open.is_empty())
+    }
+
     /// Covariance of the motion since the first key scan of the submap in the making.
     pub(super) fn covariance(&self) -> &Matrix3<f64> {
         &self.covariance

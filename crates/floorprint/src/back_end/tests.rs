@@ -364,6 +364,32 @@ fn along_a_bare_corridor_no_place_is_distinct() {
     }
 }
 
+/// 12 m straight on, in which every key scan may be 2 cm off.
+#[test]
+fn what_is_not_known_of_the_way_stays_unknown_when_a_submap_ends() {
+    let mut key_scans = bare(&poses_along(&[[0.0, 0.0], [12.0, 0.0]], 0.3));
+    key_scans.iter_mut().for_each(|key_scan| key_scan.drift = Drift { sigma_m: 0.02, sigma_rad: 0.001 });
+    let mut closer = Closer::new(&LoopClosureConfig { submap_length_m: 4.0, ..LoopClosureConfig::default() });
+    let mut before_m = 0.0;
+    for (number, key_scan) in key_scans.iter().enumerate() {
+        let ended = closer.places.add(key_scan.clone(), poses_since(&key_scans, key_scan.frame));
+        // A submap that has ended waits until the back end hears of it.
+        if number % 5 == 0 {
+            while closer.work() {}
+        }
+        let sigma_m = closer.places.uncertainty().sigma_m;
+        assert!(sigma_m >= 0.999 * before_m, "key scan {number}: {sigma_m} m after {before_m} m ({ended:?})");
+        before_m = sigma_m;
+    }
+    let drifted_m = 0.02 * key_scans.len() as f64;
+    assert!((0.6..1.5).contains(&(before_m / drifted_m)), "{before_m} m of {drifted_m} m");
+    let Closer { mut places, back_end } = closer;
+    back_end.finish(&mut places, &StopSignal::default());
+    let stated = places.uncertainties(key_scans.len());
+    let last_m = stated[key_scans.len() - 1].sigma_m;
+    assert!((last_m / before_m - 1.0).abs() < 0.2, "{last_m} m at the end, {before_m} m before");
+}
+
 /// What a hypothesis of a drive there and back makes of its last submap when that was compared with the first one.
 /// `compare` says what was found, given where the newer one lies on the older.
 fn accounts_of(compare: impl Fn([usize; 2], Pose2) -> Vec<Comparison>) -> Vec<Hypothesis> {

@@ -72,6 +72,8 @@ pub struct FrontEndState {
     /// Where the scans were written that the local map is made of: the newest key scans.
     window: Vec<Pose2>,
     unconfirmed: Vec<Pose2>,
+    #[serde(default)]
+    was_contradicted: bool,
     odometry: OdometryModel,
     loss: Option<LossDetector>,
     written: usize,
@@ -403,6 +405,7 @@ impl ParticleFilter {
             going: best.going,
             window: best.map.poses().collect(),
             unconfirmed: best.unconfirmed().to_vec(),
+            was_contradicted: best.was_contradicted,
             odometry: self.odometry,
             loss: self.loss,
             written: self.written,
@@ -434,6 +437,7 @@ impl ParticleFilter {
             particle.map = map.clone();
             (particle.pose, particle.going) = (state.pose, state.going);
             particle.set_unconfirmed(&state.unconfirmed);
+            particle.was_contradicted = state.was_contradicted;
             poses.iter().for_each(|pose| particle.trail.push(*pose));
         }
         filter.odometry = state.odometry;

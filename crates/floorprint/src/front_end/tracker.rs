@@ -8,7 +8,7 @@ use crate::geometry::covariance::{inverse, isotropic};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::motion_model::MotionConfig;
 use crate::scan_matcher::{
-    Location, MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate,
+    Expectation, Location, MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate,
 };
 use crate::surface::SurfaceScan;
 use nalgebra::{Matrix3, Vector3};
@@ -46,6 +46,8 @@ pub(super) struct Tracker {
     pub(super) going: Pose2,
     /// What the odometry says of each step since the last scan that fitted.
     unconfirmed: Vec<Pose2>,
+    /// Whether the last scan contradicted the odometry.
+    pub(super) was_contradicted: bool,
 }
 
 /// What is believed of a pose before its scan is looked at.
@@ -74,6 +76,7 @@ impl Tracker {
             last_motion: Pose2::IDENTITY,
             going: Pose2::IDENTITY,
             unconfirmed: Vec::new(),
+            was_contradicted: false,
         }
     }
 
@@ -143,16 +146,19 @@ impl Tracker {
         let sparse_points = SPARSE_SHARE * matcher.max_points as f64;
         let is_sparse =
             (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
-        let Location { fit: result, odometry, explained_share } = match proven.filter(|_| is_sparse) {
+        let Location { fit: result, odometry, explained_share, is_unearned } = match proven.filter(|_| is_sparse) {
             Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
             None => {
                 let seen_before = |pose: &Pose2| self.map.had_in_view(pose, scan);
                 // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
                 let tells_motion = *is_measured && !is_gap(*steps);
                 let seen_before = tells_motion.then_some(&seen_before as &dyn Fn(&Pose2) -> SurfaceScan);
-                locate(self.map.surfaces(), scan, prior, continued, seen_before, matcher)
+                let may_have_turned_round = !tells_motion || self.was_contradicted;
+                let expected = Expectation { prior, continued, seen_before, may_have_turned_round };
+                locate(self.map.surfaces(), scan, &expected, matcher)
             }
         };
+        self.was_contradicted = odometry != OdometryVerdict::Confirmed;
         self.last_motion = self.pose.between(&result.belief.pose);
         self.pose = result.belief.pose;
         self.going = in_a_step(&self.last_motion, *steps);
@@ -160,7 +166,7 @@ impl Tracker {
             // Nobody goes on for ever.
             self.going = times(&self.going, UNSEEN_GOES_ON);
         }
-        Some(Fit { result, explained_share, prior: *prior, odometry })
+        Some(Fit { result, explained_share, prior: *prior, odometry, is_unearned })
     }
 
     /// The scans up to here are where they were matched.
@@ -223,6 +229,8 @@ pub(super) struct Fit {
     /// The odometry's belief before the scan.
     pub(super) prior: PoseBelief,
     pub(super) odometry: OdometryVerdict,
+    /// Whether the odometry is contradicted with little reason.
+    pub(super) is_unearned: bool,
 }
 
 /// Over fewer steps than this the errors of odometry are of one kind rather than by chance: wheels that slip, a scale

@@ -16,7 +16,9 @@ const CANDIDATES: usize = 4;
 /// Fewer points than this fit almost anywhere; they are no reason to doubt the odometry.
 pub(crate) const POINTS_TO_SEARCH: usize = 30;
 /// A search is widened only if less than this share of the points lies on the map at the prediction: the robot is lost
-/// then. It never comes to where the robot has turned round between two scans: a corridor fits the other way round, too.
+/// then. It never comes to where the robot has turned round between two scans: a corridor fits the other way round, too. Nor is
+/// it widened for the first scan that does not fit while odometry tells the motion: where two corridors meet one of them fits the
+/// other.
 const LOST: f64 = 0.3;
 /// Nor is it widened once this share of the points lies on the map.
 const GOOD_ENOUGH: f64 = 0.6;
@@ -29,6 +31,24 @@ const LEAST_PROOF: f64 = 0.5;
 const SLIGHTLY: f64 = 0.05;
 /// After a search the odometry is believed this much less (as a factor on its information).
 const DISTRUST: f64 = 0.01;
+/// A contradiction of the odometry is earned if it leaves less than this share of what does not fit where the odometry has the
+/// robot …
+const LEFT_UNEXPLAINED: f64 = 0.4;
+/// … or if the robot has just gone on as before, within this many standard deviations.
+const WENT_ON_SIGMAS: f64 = 1.0;
+
+/// What is expected of the pose of a scan before it is looked at.
+#[derive(Clone, Copy)]
+pub struct Expectation<'a> {
+    /// Where the odometry has the robot, or where it goes on as before if nothing measures the motion.
+    pub prior: &'a PoseBelief,
+    /// Where the robot is if it goes on as in the last step.
+    pub continued: &'a PoseBelief,
+    /// What of the scan the scans of the map had in view if it was taken at a pose; without it all counts as seen.
+    pub seen_before: Option<&'a dyn Fn(&Pose2) -> SurfaceScan>,
+    /// Whether the robot may have turned round since the last scan unnoticed.
+    pub may_have_turned_round: bool,
+}
 
 /// What a scan says of the odometry that predicted its pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,27 +70,21 @@ pub struct Location {
     pub odometry: OdometryVerdict,
     /// Share of the scan that lies on the map; where it shows much that is new, of what had been seen before, 0 to 1.
     pub explained_share: f64,
+    /// Whether the odometry is contradicted with little reason: what does not fit where it has the robot fits hardly better there.
+    pub is_unearned: bool,
 }
 
 impl Location {
     /// A fit of which nothing is taken for new.
     fn new(fit: MatchResult, odometry: OdometryVerdict) -> Self {
-        Self { fit, odometry, explained_share: fit.inlier_share }
+        Self { fit, odometry, explained_share: fit.inlier_share, is_unearned: false }
     }
 }
 
-/// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins. `continued` is where the robot is
-/// if it goes on as in the last step. `seen_before` gives what of the scan the scans of the map had in view if it was taken at
-/// a pose; without it all counts as seen.
+/// Fits `scan` to `map`; where scan and odometry contradict each other, the scan wins.
 #[must_use]
-pub fn locate(
-    map: &SurfaceMap,
-    scan: &SurfaceScan,
-    prior: &PoseBelief,
-    continued: &PoseBelief,
-    seen_before: Option<&dyn Fn(&Pose2) -> SurfaceScan>,
-    config: &MatcherConfig,
-) -> Location {
+pub fn locate(map: &SurfaceMap, scan: &SurfaceScan, expected: &Expectation<'_>, config: &MatcherConfig) -> Location {
+    let Expectation { prior, continued, seen_before, may_have_turned_round } = *expected;
     let trusted_sigmas = if scan.len() < POINTS_TO_SEARCH { f64::INFINITY } else { TRUSTED_SIGMAS };
     let agrees = |belief: &PoseBelief, fit: &MatchResult| belief.sigmas_to(&fit.belief.pose) <= trusted_sigmas;
     let mut predicted = match_scan_against(map, scan, prior, trusted_sigmas, config);
@@ -95,6 +109,10 @@ pub fn locate(
     }
     let verdict = if agrees(prior, &predicted) { OdometryVerdict::Confirmed } else { OdometryVerdict::Contradicted };
     let mut location = Location::new(predicted, verdict);
+    if verdict == OdometryVerdict::Contradicted && continued.sigmas_to(&predicted.belief.pose) > WENT_ON_SIGMAS {
+        let unexplained_there = 1.0 - inlier_share(map, scan, &prior.pose, config);
+        location.is_unearned = 1.0 - predicted.inlier_share > LEFT_UNEXPLAINED * unexplained_there;
+    }
     if !is_poor(&predicted) || scan.len() < POINTS_TO_SEARCH {
         return location;
     }
@@ -119,7 +137,7 @@ pub fn locate(
                 best = found;
             }
         }
-        if predicted.inlier_share > LOST || best.inlier_share > GOOD_ENOUGH {
+        if predicted.inlier_share > LOST || best.inlier_share > GOOD_ENOUGH || !may_have_turned_round {
             break;
         }
     }

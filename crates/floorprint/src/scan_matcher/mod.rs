@@ -17,7 +17,7 @@ pub use correlative::{SearchWindow, search};
 pub use gauss_newton::{
     MatchResult, OUTLIER_LOG_LIKELIHOOD, PoseBelief, inlier_share, match_scan, outliers, without_hearsay,
 };
-pub use locate::{Location, OdometryVerdict, locate};
+pub use locate::{Expectation, Location, OdometryVerdict, locate};
 pub(crate) use locate::{POINTS_TO_SEARCH, follow};
 
 pub(crate) use pooled_grid::Grid;

@@ -1,8 +1,7 @@
 //! Scans of known walls are matched and found.
 
-use super::OdometryVerdict;
 use super::synthetic::Walls;
-use super::{MatchResult, MatcherConfig, PoseBelief, match_scan, without_hearsay};
+use super::{Expectation, MatchResult, MatcherConfig, OdometryVerdict, PoseBelief, match_scan, without_hearsay};
 use crate::frame::BodyScan;
 use crate::geometry::{Pose2, wrap_angle};
 use crate::random::{Stage, generator};
@@ -38,7 +37,8 @@ fn locate(
     continued: &PoseBelief,
     config: &MatcherConfig,
 ) -> (MatchResult, OdometryVerdict) {
-    let found = super::locate(map, scan, prior, continued, None, config);
+    let expected = Expectation { prior, continued, seen_before: None, may_have_turned_round: true };
+    let found = super::locate(map, scan, &expected, config);
     (found.fit, found.odometry)
 }
 
@@ -185,10 +185,16 @@ fn who_sees_new_things_does_not_look_for_them_elsewhere() {
     let (astray, _) = locate(&map, &scan, &prior, &prior, &config);
     assert!(astray.belief.pose.theta.abs() > 1.0, "the test needs a temptation: {astray:?}");
     let before = |pose: &Pose2| scan.filtered(|[x, y]| pose.transform_point([f64::from(x), f64::from(y)])[1] < 1.2);
-    let found = super::locate(&map, &scan, &prior, &prior, Some(&before), &config);
+    let wide =
+        Expectation { prior: &prior, continued: &prior, seen_before: Some(&before), may_have_turned_round: true };
+    let found = super::locate(&map, &scan, &wide, &config);
     let heading_rad = found.fit.belief.pose.theta;
     assert!(found.odometry == OdometryVerdict::Confirmed && heading_rad.abs() < 0.05, "{found:?}");
     assert!(found.fit.inlier_share < 0.5 && found.explained_share > 0.9, "{found:?}");
+    // Who cannot have turned round has not, whatever was in view.
+    let near = Expectation { seen_before: None, may_have_turned_round: false, ..wide };
+    let found = super::locate(&map, &scan, &near, &config);
+    assert!(found.fit.belief.pose.theta.abs() < 1.0, "{found:?}");
 }
 
 /// A wall at 3 m whose points scatter by twice the distance between them.
