@@ -345,14 +345,11 @@ impl Hypothesis {
                     let is_certain = across.map(|placement| !looks_the_same(placement));
                     undecided.interruption.is_certain = is_certain.unwrap_or(undecided.interruption.is_certain);
                 }
-                // Of a suspicion nothing remains where what both had in view does, or where they fit there and not a little
-                // farther on. Who drives on has much in view that was so before: having little in common is no excuse.
+                // Of a suspicion nothing remains where it does, or where it fits there and not a little farther on.
                 Outcome::Suspected => {
-                    let is_there = |placement: &Placement| match placement.verdict {
-                        Verdict::TooLittleInCommon => placement.quality() >= STAYING_QUALITY,
-                        _ => looks_the_same(placement) || placement.fits() && placement.is_conclusive(),
-                    };
-                    if undecided.compared(comparisons).is_none_or(is_there) {
+                    let is_there = |placement: &Placement| placement.fits() && placement.is_conclusive();
+                    let across = undecided.across(comparisons);
+                    if across.is_none_or(|placement| looks_the_same(placement) || is_there(placement)) {
                         undecided.outcome = Outcome::Stayed;
                     } else {
                         self.carry(at);
@@ -391,13 +388,8 @@ impl Break {
 
     /// How the submaps right before and after it lie to each other, where they were compared and had the same things in view.
     fn across<'a>(&self, comparisons: &'a [Comparison]) -> Option<&'a Placement> {
-        self.compared(comparisons).filter(|placement| placement.verdict != Verdict::TooLittleInCommon)
-    }
-
-    /// The same, whatever they had in view.
-    fn compared<'a>(&self, comparisons: &'a [Comparison]) -> Option<&'a Placement> {
         let across = comparisons.iter().find(|c| c.newer == self.submap && c.older + 1 == self.submap)?;
-        across.placements.first()
+        Some(&across.placements[0]).filter(|placement| placement.verdict != Verdict::TooLittleInCommon)
     }
 }
 

@@ -246,8 +246,8 @@ impl ParticleFilter {
             // nothing was seen.
             Some(loss) if is_gap(steps) && fit.is_some_and(Fit::is_far_off_and_bad) => loss.lose(),
             Some(loss) => {
-                let map = &self.particles[best].map;
                 let contradicts_odometry = fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed);
+                let map = &self.particles[best].map;
                 loss.observe(scan, fit.map(|fit| &fit.result), contradicts_odometry, map, &self.matcher)
             }
             None => Sighting::Fits { misfits_before: 0 },
