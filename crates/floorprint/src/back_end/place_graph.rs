@@ -216,11 +216,13 @@ impl PlaceGraph {
     #[must_use]
     pub fn uncertainty(&self) -> Uncertainty {
         let newest = self.in_the_world.last().copied().unwrap_or_default();
-        // The way from the newest submap that the hypotheses know to the one in the making is in neither of them.
+        // The way from the newest submap that the hypotheses know to the one in the making is in neither of them. Where that
+        // submap lies on known ground, it shows where that way ends.
+        let known = usize::from(self.hypotheses[0].newest_is_tied());
         let ended = self.submaps[self.taken..].iter().filter_map(|submap| submap.link.as_ref());
         let mut since = Uncertainty::of(self.builder.covariance());
         let mut drift = *self.builder.drift();
-        for link in ended.chain(self.builder.link()) {
+        for link in ended.chain(self.builder.link()).skip(known) {
             since = since.and(&Uncertainty::of(&link.covariance));
             drift.add(&link.drift);
         }

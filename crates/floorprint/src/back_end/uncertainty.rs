@@ -155,6 +155,12 @@ impl Hypothesis {
         covariances_of(&drifts.zip(self.are_tied()).collect::<Vec<_>>())
     }
 
+    /// Whether the newest submap in play is tied to what was seen long before it.
+    #[must_use]
+    pub(super) fn newest_is_tied(&self) -> bool {
+        self.are_tied().last().copied().unwrap_or(false)
+    }
+
     /// Whether each submap in play is tied to what was seen long before or after it by a closure in force.
     fn are_tied(&self) -> Vec<bool> {
         let mut are_tied = vec![false; self.in_play.len()];
