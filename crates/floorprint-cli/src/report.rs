@@ -222,7 +222,8 @@ impl Report {
         let mut notes = data_set.notes.clone();
         notes.extend(solution.summary.findings.iter().map(ToString::to_string));
         let dropped = dropped(data_set, solution);
-        let lost: usize = dropped.iter().map(|dropped| dropped.count).sum();
+        // What came twice was used once.
+        let lost = dropped.iter().map(|dropped| dropped.count).sum::<usize>() - solution.summary.dropped.repeated();
         let images = data_set.images.as_ref().map_or(0, |images| images.depth.len() + images.color.len());
         let has_lidar = !solution.is_dead_reckoning();
         let unread: usize = dropped_by_reader(data_set).map(|(_, count)| count).sum();

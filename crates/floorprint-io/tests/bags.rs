@@ -12,7 +12,9 @@
 mod bag_writers;
 mod data_folder;
 
-use bag_writers::{Message, Rays, joints, mcap, odometry, pose, ros1_bag, scan, sqlite, transform, zstd};
+use bag_writers::{
+    Message, Rays, imu, joints, mcap, odometry, pose, ros1_bag, scan, scan_up_to, sqlite, transform, zstd,
+};
 use data_folder::data;
 use floorprint::Frames;
 use floorprint::config::Layer;
@@ -355,6 +357,148 @@ fn rays_have_times_and_a_zero_may_mean_that_nothing_came_back() {
     let last_s = scan.geometry.time_offsets_s[120];
     assert!((last_s - 0.1 * 3.0 / std::f32::consts::TAU).abs() < 1e-5, "{last_s}");
     assert!(note_of(&data_set, "ranges of 0").is_some() && note_of(&data_set, "no transform").is_some());
+}
+
+/// A robot with a LiDAR 0.3 m ahead of `base_link`, whose mount `/tf_static` states, and what else it records at each step.
+fn with_others(others: impl Fn(u32) -> Vec<Message>) -> DataSet {
+    let step = |step| {
+        let own = [
+            odometry("/odom", at(step), "base_link", place(step)),
+            scan("/scan", at(step), "laser", &RAYS, &ranges_m(step)),
+        ];
+        own.into_iter().chain(others(step)).collect::<Vec<_>>()
+    };
+    let mount = transform("/tf_static", at(0), "base_link", "laser", [0.3, 0.0, 0.2], [0.0; 2]);
+    let messages: Vec<Message> = std::iter::once(mount).chain((0..40).flat_map(step)).collect();
+    choose(&messages, TopicChoice::default()).unwrap()
+}
+
+fn reason_of(data_set: &DataSet, what: &str) -> (&'static str, String) {
+    let role = data_set.bag.as_ref().unwrap().roles.iter().find(|role| role.what == what);
+    role.map(|role| (role.role, role.reason.clone())).unwrap_or_default()
+}
+
+#[test]
+fn two_lidars_on_one_topic_are_not_taken_for_one() {
+    let other = |step| vec![scan("/scan", at(step), "another", &RAYS, &[1.0; 60])];
+    let data_set = with_others(|step| if step % 4 == 0 { Vec::new() } else { other(step) });
+    assert_eq!(data_set.scans().count(), 40);
+    assert!(data_set.scans().all(|scan| scan.ranges_m.len() == 121));
+    assert!((data_set.robot.lidar.mount.x_m - 0.3).abs() < 1e-9);
+    let note = note_of(&data_set, "several LiDARs").unwrap();
+    assert!(note.contains("laser are used") && note.contains("another are not"), "{note}");
+}
+
+#[test]
+fn a_range_that_a_driver_writes_where_nothing_came_back_is_no_wall() {
+    let with_mark = |mark_m: f32, beyond: bool| {
+        let step = |step| {
+            let mut ranges_m = ranges_m(step);
+            ranges_m[20..60].fill(mark_m);
+            ranges_m[61] = if beyond { f32::INFINITY } else { ranges_m[61] };
+            [odometry("/odom", at(step), "base_link", place(step)), scan("/scan", at(step), "laser", &RAYS, &ranges_m)]
+        };
+        choose(&(0..40).flat_map(step).collect::<Vec<_>>(), TopicChoice::default()).unwrap()
+    };
+    let data_set = with_mark(25.5, false);
+    assert!(note_of(&data_set, "ranges of 25.5 m and more").is_some(), "{:?}", data_set.notes);
+    assert!(data_set.scans().all(|scan| scan.ranges_m[20..60].iter().all(|range_m| range_m.is_infinite())));
+    assert!(data_set.scans().all(|scan| scan.ranges_m[60..].iter().all(|range_m| *range_m < 25.5)));
+    // Who says in another way that nothing came back does not say it in this one.
+    let data_set = with_mark(25.5, true);
+    assert!(note_of(&data_set, "25.5").is_none() && data_set.scans().all(|scan| scan.ranges_m[20] == 25.5));
+}
+
+#[test]
+fn what_a_scan_states_of_its_angles_is_held_against_each_other() {
+    let with_angles = |angle_increment_rad: f32, angle_max_rad: f32| {
+        let rays = Rays { angle_increment_rad, ..RAYS };
+        let step = |step| {
+            [
+                odometry("/odom", at(step), "base_link", place(step)),
+                scan_up_to("/scan", at(step), "base_link", &rays, angle_max_rad, &ranges_m(step)),
+            ]
+        };
+        choose(&(0..9).flat_map(step).collect::<Vec<_>>(), TopicChoice::default()).unwrap()
+    };
+    let last_rad = |data_set: &DataSet| data_set.scans().next().unwrap().geometry.angles_rad[120];
+    // Not stated, stated as it should be, off by one ray, and wrong.
+    for (increment_rad, max_rad, expected_rad, is_told) in
+        [(0.0, 1.5, 1.5, false), (0.025, 1.5, 1.5, false), (0.025, 1.525, 1.5, false), (0.05, 1.5, 4.5, true)]
+    {
+        let data_set = with_angles(increment_rad, max_rad);
+        assert!((last_rad(&data_set) - expected_rad).abs() < 1e-5, "{increment_rad}: {}", last_rad(&data_set));
+        assert_eq!(note_of(&data_set, "one of them is wrong").is_some(), is_told, "{increment_rad}, {max_rad}");
+    }
+}
+
+#[test]
+fn who_sees_all_around_is_preferred_to_who_looks_ahead() {
+    // A depth camera's rows: more rays and more often, but all of them ahead.
+    let narrow = Rays { angle_min_rad: -0.4, angle_increment_rad: 0.002, ..RAYS };
+    let data_set = with_others(|step| {
+        let row = |part: u64| scan("/camera/scan", at(step) + part * 30_000_000, "laser", &narrow, &[2.0; 400]);
+        (0..3).map(row).collect()
+    });
+    assert_eq!((reason_of(&data_set, "/scan").0, reason_of(&data_set, "/camera/scan").0), ("scans", "not used"));
+}
+
+#[test]
+fn an_imu_without_a_gyro_is_none() {
+    let data_set = with_others(|step| {
+        let accelerometer = |part: u64| imu("/accel", at(step) + part * 30_000_000, "base_link", 0.0);
+        (0..3).map(accelerometer).chain([imu("/gyro", at(step), "base_link", 0.2)]).collect()
+    });
+    assert_eq!((reason_of(&data_set, "/gyro").0, reason_of(&data_set, "/accel").0), ("IMU", "not used"));
+    let turning = data_set.records.iter().filter(|record| matches!(record, Record::Imu(_))).count();
+    assert_eq!(turning, 40);
+}
+
+#[test]
+fn odometry_is_what_hangs_together_with_the_lidar() {
+    // Of a camera that nobody says where it sits, and more often; and places in a map that others have made.
+    let data_set = with_others(|step| {
+        let camera = |part: u64| odometry("/camera/odom", at(step) + part * 30_000_000, "camera_pose", place(step));
+        (0..3).map(camera).collect()
+    });
+    assert_eq!((reason_of(&data_set, "/odom").0, reason_of(&data_set, "/camera/odom").0), ("odometry", "not used"));
+    assert!((data_set.robot.lidar.mount.x_m - 0.3).abs() < 1e-9);
+
+    // The odometry names a frame that /tf does not know; /tf moves another in the same frame.
+    let step = |step| {
+        let [x, y, theta] = place(step);
+        [
+            transform("/tf", at(step), "odom", "base_link", [x, y, 0.0], [0.0, theta]),
+            odometry("/odom", at(step), "base_footprint", [x, y, theta]),
+            scan("/scan", at(step), "laser", &RAYS, &ranges_m(step)),
+        ]
+    };
+    let mount = |x_m| transform("/tf_static", at(0), "base_link", "laser", [x_m, 0.0, 0.2], [0.0; 2]);
+    // What is static and stated anew was mended.
+    let messages: Vec<Message> = [mount(0.1), mount(0.3)].into_iter().chain((0..9).flat_map(step)).collect();
+    let data_set = choose(&messages, TopicChoice::default()).unwrap();
+    assert_eq!(reason_of(&data_set, "base_link").0, "base");
+    assert!((data_set.robot.lidar.mount.x_m - 0.3).abs() < 1e-9, "{:?}", data_set.robot.lidar.mount);
+    // A frame whose pose is stated in itself is not named.
+    let step = |step| {
+        [odometry("/odom", at(step), "odom", place(step)), scan("/scan", at(step), "laser", &RAYS, &ranges_m(step))]
+    };
+    let messages: Vec<Message> = std::iter::once(mount(0.3)).chain((0..9).flat_map(step)).collect();
+    let data_set = choose(&messages, TopicChoice::default()).unwrap();
+    assert!((data_set.robot.lidar.mount.x_m - 0.3).abs() < 1e-9, "{:?}", data_set.notes);
+}
+
+#[test]
+fn transforms_of_another_clock_count_as_taken_when_they_were_recorded() {
+    let step = |step| {
+        let [x, y, theta] = place(step);
+        let late = transform("/tf", at(step) - 1_000_000_000_000, "odom", "base_link", [x, y, 0.0], [0.0, theta]);
+        [Message { log_ns: at(step), ..late }, scan("/scan", at(step), "base_link", &RAYS, &ranges_m(step))]
+    };
+    let data_set = choose(&(0..9).flat_map(step).collect::<Vec<_>>(), TopicChoice::default()).unwrap();
+    assert!(note_of(&data_set, "odom → base_link on /tf are 1000.0 s off").is_some(), "{:?}", data_set.notes);
+    let stamps = data_set.records.iter().map(Record::stamp_s);
+    assert!(stamps.into_iter().all(|stamp_s| (stamp_s - seconds(at(4))).abs() < 1.0));
 }
 
 #[test]

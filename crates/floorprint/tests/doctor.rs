@@ -154,6 +154,20 @@ fn clocks_that_do_not_agree_are_named() {
     }
     assert!(symptoms(&set_back).iter().any(|symptom| matches!(symptom, Symptom::ClockSetBack { times: 1, .. })));
 
+    for per_second in [1e3, 1e6, 1e9] {
+        let in_parts = with_odometry().into_iter().map(|record| match record {
+            Record::Odometry(stamped) => {
+                Record::Odometry(StampedPose { stamp_s: per_second * stamped.stamp_s, ..stamped })
+            }
+            Record::Scan(scan) => Record::Scan(Scan { stamp_s: per_second * scan.stamp_s, ..scan }),
+            other => other,
+        });
+        let found = symptoms(&in_parts.collect::<Vec<_>>());
+        let is_named =
+            |symptom: &Symptom| matches!(symptom, Symptom::StampUnits { per_second: told, .. } if *told == per_second);
+        assert!(found.iter().any(is_named), "{per_second}: {found:?}");
+    }
+
     let doubled: Vec<Record> = with_odometry().into_iter().flat_map(|record| [record.clone(), record]).collect();
     let found = symptoms(&doubled);
     assert!(found.iter().all(|symptom| matches!(symptom, Symptom::Doubled { .. })) && found.len() == 2, "{found:?}");

@@ -143,12 +143,17 @@ fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
     })
 }
 
-/// A line in which semicolons are commas.
+/// A line in which semicolons are commas, and what are commas beside them are decimal points.
 fn separated(line: &[u8]) -> Cow<'_, [u8]> {
     if !line.contains(&b';') {
         return Cow::Borrowed(line);
     }
-    Cow::Owned(line.iter().map(|&byte| if byte == b';' { b',' } else { byte }).collect())
+    let otherwise = |&byte: &u8| match byte {
+        b';' => b',',
+        b',' => b'.',
+        byte => byte,
+    };
+    Cow::Owned(line.iter().map(otherwise).collect())
 }
 
 /// Whether a line says what it is, what it is, and its numbers.
@@ -313,6 +318,16 @@ mod tests {
         let rays: Vec<Ray> = scans[0].ranges_m.iter().map(|&range_m| scans[0].geometry.classify(range_m)).collect();
         assert!(matches!(rays[1], Ray::Hit(_)) && matches!(rays[2..5], [Ray::NoReturn, Ray::NoReturn, Ray::Invalid]));
         assert_eq!(scans[1].ranges_m, [3.25]);
+    }
+
+    #[test]
+    fn commas_beside_semicolons_are_decimal_points() {
+        let log = read_text("1700000000,25;-1,5;1,5;2,5;2,25;2,125;3;3;3;3,5\nodom;1700000000,5;1,5;2,0;0,25\n");
+        assert_eq!((log.records.len(), log.dropped.total()), (2, 0));
+        let scan = log.scans().next().unwrap();
+        assert_eq!((scan.stamp_s, &scan.ranges_m[..3]), (1_700_000_000.25, &[2.5, 2.25, 2.125][..]));
+        let Record::Odometry(stamped) = log.records[1] else { panic!("{:?}", log.records[1]) };
+        assert_eq!((stamped.stamp_s, stamped.pose), (1_700_000_000.5, Pose2::new(1.5, 2.0, 0.25)));
     }
 
     #[test]

@@ -114,10 +114,23 @@ pub struct Rays {
 }
 
 pub fn scan(topic: &str, stamp_ns: u64, frame: &str, rays: &Rays, ranges_m: &[f32]) -> Message {
+    let angle_max_rad = rays.angle_min_rad + rays.angle_increment_rad * ranges_m.len().saturating_sub(1) as f32;
+    scan_up_to(topic, stamp_ns, frame, rays, angle_max_rad, ranges_m)
+}
+
+/// A scan that states an angle of the last ray of its own.
+pub fn scan_up_to(
+    topic: &str,
+    stamp_ns: u64,
+    frame: &str,
+    rays: &Rays,
+    angle_max_rad: f32,
+    ranges_m: &[f32],
+) -> Message {
     message(topic, "sensor_msgs/LaserScan", stamp_ns + 3_000_000, |fields| {
         fields.header(stamp_ns, frame);
         fields.f32(rays.angle_min_rad);
-        fields.f32(rays.angle_min_rad + rays.angle_increment_rad * ranges_m.len().saturating_sub(1) as f32);
+        fields.f32(angle_max_rad);
         fields.f32(rays.angle_increment_rad);
         fields.f32(rays.time_increment_s);
         fields.f32(rays.scan_time_s);
@@ -143,6 +156,18 @@ pub fn pose(topic: &str, stamp_ns: u64, [x, y, theta]: [f64; 3]) -> Message {
     message(topic, "geometry_msgs/PoseStamped", stamp_ns + 1_000_000, |fields| {
         fields.header(stamp_ns, "map");
         fields.pose([x, y, 0.0], [0.0, theta]);
+    })
+}
+
+/// A `sensor_msgs/Imu` that turns about the vertical.
+pub fn imu(topic: &str, stamp_ns: u64, frame: &str, yaw_rate_rad_s: f64) -> Message {
+    message(topic, "sensor_msgs/Imu", stamp_ns + 1_000_000, |fields| {
+        fields.header(stamp_ns, frame);
+        let zeros = [0.0; 9];
+        [&[0.0, 0.0, 0.0, 1.0][..], &zeros, &[0.0, 0.0, yaw_rate_rad_s], &zeros, &[0.0, 0.0, 9.81], &zeros]
+            .concat()
+            .into_iter()
+            .for_each(|number| fields.f64(number));
     })
 }
 

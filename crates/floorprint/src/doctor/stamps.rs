@@ -1,4 +1,4 @@
-//! What the stamps say: clocks that have nothing to do with each other, that were set back, and messages that came twice.
+//! What the stamps say: clocks that have nothing to do with each other, that were set back or do not count seconds, and messages that came twice.
 
 use super::Symptom;
 use crate::sensors::{Record, Stream};
@@ -8,6 +8,13 @@ use std::collections::BTreeMap;
 const SET_BACK_S: f64 = 10.0;
 /// Sensors start one after the other; a pause of so many seconds between two of them is still one drive.
 const APART_S: f64 = 5.0;
+
+/// No LiDAR makes a scan as seldom as this, seconds …
+const SELDOM_S: f64 = 20.0;
+/// … and none more often, or so seldom, in the unit in which it states its stamps, seconds.
+const USUAL_S: [f64; 2] = [0.004, 4.0];
+/// Fewer scans than this say nothing of the usual one.
+const FEW_SCANS: usize = 10;
 
 pub(super) fn examine(records: &[Record]) -> Vec<Symptom> {
     let mut streams: BTreeMap<Stream, Vec<&Record>> = BTreeMap::new();
@@ -19,6 +26,7 @@ pub(super) fn examine(records: &[Record]) -> Vec<Symptom> {
         found.extend(doubled(sensor, of_sensor));
         found.extend(set_back(sensor, of_sensor));
     }
+    found.extend(streams.get(&Stream::Scans).and_then(|scans| units(scans)));
     let spans: BTreeMap<Stream, [f64; 2]> = streams.iter().map(|(sensor, records)| (*sensor, span(records))).collect();
     if let Some([first_s, last_s]) = spans.get(&Stream::Scans) {
         for (&sensor, [from_s, to_s]) in spans.iter().filter(|(sensor, _)| **sensor != Stream::Scans) {
@@ -36,6 +44,15 @@ fn span(records: &[&Record]) -> [f64; 2] {
     stamps.sort_by(f64::total_cmp);
     let margin = stamps.len() / 100;
     [stamps[margin], stamps[stamps.len() - 1 - margin]]
+}
+
+fn units(scans: &[&Record]) -> Option<Symptom> {
+    let mut steps: Vec<f64> = scans.windows(2).map(|pair| pair[1].stamp_s() - pair[0].stamp_s()).collect();
+    steps.sort_by(f64::total_cmp);
+    let interval = *steps.get(steps.len() / 2).filter(|step| steps.len() >= FEW_SCANS && **step > SELDOM_S)?;
+    let is_usual = |per_second: &f64| (USUAL_S[0]..USUAL_S[1]).contains(&(interval / per_second));
+    let per_second = [1e3, 1e6, 1e9].into_iter().find(is_usual)?;
+    Some(Symptom::StampUnits { interval, per_second })
 }
 
 fn set_back(sensor: Stream, records: &[&Record]) -> Option<Symptom> {

@@ -67,6 +67,13 @@ pub enum Symptom {
         /// How many.
         messages: usize,
     },
+    /// Stamps are no seconds.
+    StampUnits {
+        /// From scan to scan in the middle, as it stands.
+        interval: f64,
+        /// How many of what they seem to be make a second.
+        per_second: f64,
+    },
     /// Two sensors' clocks have nothing to do with each other.
     ClocksApart {
         /// Which sensor.
@@ -138,6 +145,7 @@ impl Symptom {
             Self::RangeUnits { .. } | Self::AngleUnits { .. } => Severity::Fatal,
             Self::FewReturns { share } if share < 0.002 => Severity::Fatal,
             Self::ClocksApart { .. } | Self::GyroUnits { .. } | Self::GyroAxis { .. } => Severity::Error,
+            Self::StampUnits { per_second, .. } if per_second > 1e3 => Severity::Error,
             Self::YawReversed { .. } | Self::YawUnits { .. } => Severity::Error,
             Self::DistanceScale { ratio } if !(0.5..2.0).contains(&ratio) => Severity::Error,
             Self::MountYaw { off_rad } if off_rad.abs() > 0.35 => Severity::Error,
@@ -156,6 +164,9 @@ impl Symptom {
             Self::RayCounts { .. } => "None: each scan is taken as it says",
             Self::FrozenScans { .. } => "The robot seems to stand still while the odometry moves",
             Self::Doubled { .. } => "None: they are left out",
+            Self::StampUnits { .. } => {
+                "Every scan counts as taken after a long gap, in which the robot may have gone anywhere"
+            }
             Self::ClocksApart { .. } => "No motion is known for any scan",
             Self::ClockSetBack { .. } => "What lies before and after it in the file overlaps in time",
             Self::GyroUnits { .. } | Self::YawUnits { .. } | Self::GyroAxis { .. } => "Each turn is predicted wrong",
@@ -184,6 +195,9 @@ impl Symptom {
             }
             Self::RayCounts { .. } | Self::Doubled { .. } => "Nothing need be done".to_owned(),
             Self::FrozenScans { .. } => "Look at the LiDAR's driver: it repeats old data".to_owned(),
+            Self::StampUnits { per_second, .. } => {
+                format!("Divide the stamps by {per_second} where they are recorded")
+            }
             Self::ClocksApart { later_s, .. } => {
                 format!("Take {later_s:.3} s off that sensor's stamps, or synchronise the computers' clocks")
             }
@@ -253,6 +267,17 @@ impl fmt::Display for Symptom {
             }
             Self::Doubled { sensor, messages } => {
                 write!(formatter, "messages of the {sensor} that came twice: {messages}")
+            }
+            Self::StampUnits { interval, per_second } => {
+                let unit = match per_second {
+                    1e9 => "nanoseconds",
+                    1e6 => "microseconds",
+                    _ => "milliseconds",
+                };
+                write!(
+                    formatter,
+                    "half of the scans are {interval:.0} s or more apart; their stamps are {unit}, it seems"
+                )
             }
             Self::ClocksApart { sensor, later_s } => {
                 write!(formatter, "the {sensor} and the scans share no time: it begins {later_s:.1} s after them")

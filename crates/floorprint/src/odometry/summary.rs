@@ -70,4 +70,10 @@ impl Dropped {
     pub fn total(&self) -> usize {
         self.by_reason().iter().map(|(_, count)| count).sum()
     }
+
+    /// Of them what came twice, of which nothing is lost.
+    #[must_use]
+    pub fn repeated(&self) -> usize {
+        self.scans_repeated + self.readings_repeated
+    }
 }

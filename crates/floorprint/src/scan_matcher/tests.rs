@@ -214,6 +214,56 @@ fn noise_makes_no_wall_rough_and_turns_no_normals() {
     assert!(found.scan_information[(0, 0)] < 0.03 * found.scan_information[(1, 1)], "{}", found.scan_information);
 }
 
+/// Two walls at right angles, seen from 3 m away with a noise of 5 cm.
+#[test]
+fn noise_does_not_make_walls_thick_and_does_not_round_their_corners() {
+    let mut random = generator(7, Stage::Sensors, 0, 0);
+    let corner = Walls::default().with_box([0.0, 0.0], [3.0, 3.0]);
+    let off_m = |x: f32, y: f32| f64::from(x.abs().max(y.abs()) - 3.0);
+    let spread_m = |noise_m: f32, random: &mut _| {
+        let mut scan = corner.scan_from(&Pose2::IDENTITY, 720);
+        for (x, y) in scan.hits.x_m.iter_mut().zip(&mut scan.hits.y_m) {
+            let error: f32 = StandardNormal.sample(random);
+            let longer = 1.0 + noise_m * error / x.hypot(*y);
+            (*x, *y) = (*x * longer, *y * longer);
+        }
+        let rays_m: Vec<f64> = scan.hits.x_m.iter().zip(&scan.hits.y_m).map(|(&x, &y)| off_m(x, y)).collect();
+        let surfaces = SurfaceScan::new(&BodyScan { range_noise_m: noise_m, ..scan }, &Thinning::default());
+        let points_m: Vec<f64> = surfaces.iter().map(|([x, y], _)| off_m(x, y)).collect();
+        [rays_m, points_m]
+            .map(|off_m| (off_m.iter().map(|off_m| off_m * off_m).sum::<f64>() / off_m.len() as f64).sqrt())
+    };
+    let [rays_m, points_m] = spread_m(0.05, &mut random);
+    assert!(points_m < 0.5 * rays_m, "points {points_m} m, rays {rays_m} m");
+    // What the matcher is made for stays as it is.
+    let [rays_m, points_m] = spread_m(0.015, &mut random);
+    assert!((points_m / rays_m - 1.0).abs() < 0.15, "points {points_m} m, rays {rays_m} m");
+}
+
+/// A robot that stands still has a noisy scan matched with others like it.
+#[test]
+fn noisy_scans_tell_where_the_robot_is() {
+    let mut random = generator(8, Stage::Sensors, 0, 0);
+    let config = MatcherConfig::default();
+    let mut noisy = || {
+        let mut scan = Walls::room().scan_from(&Pose2::IDENTITY, 360);
+        for (x, y) in scan.hits.x_m.iter_mut().zip(&mut scan.hits.y_m) {
+            let error: f32 = StandardNormal.sample(&mut random);
+            let longer = 1.0 + 0.1 * error / x.hypot(*y);
+            (*x, *y) = (*x * longer, *y * longer);
+        }
+        SurfaceScan::new(&BodyScan { range_noise_m: 0.1, ..scan }, &config.thinning())
+    };
+    let mut map = SurfaceMap::new(config.cell_m);
+    (0..10).for_each(|_| map.add_scan(&Pose2::IDENTITY, &noisy()));
+    let errors_m = (0..20).map(|_| {
+        let found = match_scan(&map, &noisy(), &belief(Pose2::new(0.1, -0.08, 0.03), 0.2, 0.1), &config);
+        found.belief.pose.distance()
+    });
+    let mean_m = errors_m.sum::<f64>() / 20.0;
+    assert!(mean_m < 0.03, "{mean_m} m");
+}
+
 /// The odometry stood still while the robot turned in a corridor, and makes up for all of it in one step.
 #[test]
 fn where_late_odometry_leaps_the_robot_just_goes_on() {

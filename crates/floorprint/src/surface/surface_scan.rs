@@ -15,6 +15,9 @@ const NEIGHBOURHOOD_SPACINGS: f32 = 2.5;
 const NEIGHBOURHOOD_SIGMAS: f32 = 11.0;
 /// … up to this, metres.
 const WIDEST_M: f32 = 1.0;
+/// Points may scatter from their surfaces by half a cell of the map that is matched against, metres. More would fill several cells
+/// side by side, in each of which a point finds itself.
+const MATCHED_NOISE_M: f32 = 0.025;
 
 /// Directions of normals that are told apart when points are balanced.
 const DIRECTIONS: usize = 16;
@@ -232,7 +235,10 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
     let usual_noise_m = NEIGHBOURHOOD_M / NEIGHBOURHOOD_SIGMAS;
     let noise_m = scan.range_noise_m.max(usual_noise_m);
     let least_reach = spacing.max((NEIGHBOURHOOD_SIGMAS * noise_m).min(WIDEST_M));
-    let excess_m2 = f64::from(noise_m * noise_m - usual_noise_m * usual_noise_m);
+    let noise_m2 = Noise {
+        of_normals: f64::from(noise_m * noise_m - usual_noise_m * usual_noise_m),
+        of_points: if noise_m > MATCHED_NOISE_M { f64::from(noise_m * noise_m) } else { 0.0 },
+    };
     let (mut kept, mut free): (Vec<Kept>, Vec<Kept>) = (Vec::with_capacity(count), Vec::new());
     let mut i = 0;
     while i < count {
@@ -263,9 +269,9 @@ fn surfaces_of(scan: &BodyScan, thinning: &Thinning) -> SurfaceScan {
     }
     let mut result = SurfaceScan::with_capacity(scan.origin_m, kept.len());
     for kept in kept.chunks(LANES) {
-        let [normal_x, normal_y] = sums.normals(kept, scan, excess_m2);
-        result.x_m.extend(kept.iter().map(|kept| xs[kept.point]));
-        result.y_m.extend(kept.iter().map(|kept| ys[kept.point]));
+        let [x_m, y_m, normal_x, normal_y] = sums.surfaces(kept, scan, &noise_m2);
+        result.x_m.extend_from_slice(&x_m[..kept.len()]);
+        result.y_m.extend_from_slice(&y_m[..kept.len()]);
         result.normal_x.extend_from_slice(&normal_x[..kept.len()]);
         result.normal_y.extend_from_slice(&normal_y[..kept.len()]);
     }
@@ -278,6 +284,14 @@ struct Kept {
     point: usize,
     begin: usize,
     end: usize,
+}
+
+/// Variances of the ranges, m².
+struct Noise {
+    /// By so much more than is usual runs of points are thicker than the surfaces they show.
+    of_normals: f64,
+    /// So much of what a point is off its surface is taken away.
+    of_points: f64,
 }
 
 /// Normals that are computed side by side.
@@ -376,19 +390,23 @@ impl RunningSums {
         (0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt()).max(0.0).sqrt()
     }
 
-    /// The normals, by coordinate, of the lines through the runs of up to [`LANES`] points, on the side of the scan's origin;
-    /// their length is 1 for runs on a line and 0 for runs without direction.
+    /// Up to [`LANES`] points, and the normals of the lines through the runs of points around them, all by coordinate. The normals
+    /// are on the side of the scan's origin; their length is 1 for runs on a line and 0 for runs without direction. Each point is
+    /// moved towards its line by the share of the run's thickness that noise alone explains (Wiener's filter).
     #[inline(always)]
-    fn normals(&self, kept: &[Kept], scan: &BodyScan, excess_m2: f64) -> [[f32; LANES]; 2] {
+    fn surfaces(&self, kept: &[Kept], scan: &BodyScan, noise_m2: &Noise) -> [[f32; LANES]; 4] {
         let (mut sums, mut counts, mut towards) = ([[0.0; LANES]; 5], [1.0; LANES], [[0.0_f32; LANES]; 2]);
+        let mut points = [[0.0_f32; LANES]; 2];
         for (lane, kept) in kept.iter().enumerate().take(LANES) {
             let (low, high) = (&self.0[kept.begin], &self.0[kept.end]);
             for k in 0..5 {
                 sums[k][lane] = high[k] - low[k];
             }
             counts[lane] = (kept.end - kept.begin) as f64;
-            towards[0][lane] = scan.origin_m[0] as f32 - scan.hits.x_m[kept.point];
-            towards[1][lane] = scan.origin_m[1] as f32 - scan.hits.y_m[kept.point];
+            points[0][lane] = scan.hits.x_m[kept.point];
+            points[1][lane] = scan.hits.y_m[kept.point];
+            towards[0][lane] = scan.origin_m[0] as f32 - points[0][lane];
+            towards[1][lane] = scan.origin_m[1] as f32 - points[1][lane];
         }
         let mut normals = [[0.0; LANES]; 2];
         for lane in 0..LANES {
@@ -397,7 +415,11 @@ impl RunningSums {
             // Eigenvalues of the 2 × 2 covariance.
             let half_trace = 0.5 * (xx + yy);
             let root = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-            let (small, large) = (half_trace - root - excess_m2, half_trace + root);
+            let thickness_m2 = half_trace - root;
+            let (small, large) = (thickness_m2 - noise_m2.of_normals, half_trace + root);
+            // A line through n points takes two of their degrees of freedom.
+            let explained_m2 = noise_m2.of_points * (1.0 - 2.0 / counts[lane]);
+            let noise_share = if explained_m2 > 0.0 { explained_m2 / thickness_m2.max(explained_m2) } else { 0.0 };
             let (small, large) = (if small > 0.0 { small } else { 0.0 }, if large > 1e-12 { large } else { 1e-12 });
             let flatness = 1.0 - 4.0 * small / large;
             let flatness = if flatness > 0.0 && root > 0.0 { flatness } else { 0.0 };
@@ -412,7 +434,13 @@ impl RunningSums {
             let length = if faces_away { -flatness as f32 } else { flatness as f32 };
             normals[0][lane] = nx * length;
             normals[1][lane] = ny * length;
+            let off = nx * (points[0][lane] - means[0] as f32) + ny * (points[1][lane] - means[1] as f32);
+            let towards_line = off * noise_share as f32;
+            points[0][lane] -= nx * towards_line;
+            points[1][lane] -= ny * towards_line;
         }
-        normals
+        let [x_m, y_m] = points;
+        let [normal_x, normal_y] = normals;
+        [x_m, y_m, normal_x, normal_y]
     }
 }

@@ -121,7 +121,7 @@ fn contents(survey: &Survey, roles: Roles, truth: Vec<StampedPose>) -> BagConten
         encoding: topic.encoding.clone(),
         messages: topic.messages,
         rate_hz: topic.rate_hz(),
-        frames: topic.frames.iter().chain(&topic.children).filter(|frame| !frame.is_empty()).cloned().collect(),
+        frames: topic.frames.keys().chain(&topic.children).filter(|frame| !frame.is_empty()).cloned().collect(),
     };
     BagContents {
         topics: survey.topics.iter().map(summary).collect(),

@@ -22,10 +22,10 @@ pub(super) fn decode_protobuf(type_name: &str, bytes: &[u8]) -> Option<Message> 
             scan(Scan {
                 timestamp: fields.time(1)?,
                 frame_id: fields.text(2)?,
-                pose: fields.pose(3)?,
+                pose: Some(fields.pose(3)?),
                 start_angle: fields.number(4)?,
                 end_angle: fields.number(5)?,
-                ranges: ranges_m,
+                ranges: ranges_m.into_iter().map(Some).collect(),
             })
         }
         "foxglove.PoseInFrame" => {
@@ -86,7 +86,9 @@ impl<'a> ImageParts<'a> {
 /// Takes a message in JSON apart.
 pub(super) fn decode_json(type_name: &str, bytes: &[u8]) -> Option<Message> {
     match type_name {
-        "foxglove.LaserScan" => scan(serde_json::from_slice(bytes).ok()?),
+        "foxglove.LaserScan" => {
+            scan(serde_json::from_slice(bytes).or_else(|_| serde_json::from_slice(&without_infinities(bytes))).ok()?)
+        }
         "foxglove.PoseInFrame" => Some(pose(serde_json::from_slice(bytes).ok()?)),
         "foxglove.FrameTransform" => Some(Message::Transforms(vec![placed(serde_json::from_slice(bytes).ok()?)])),
         "foxglove.FrameTransforms" => {
@@ -97,14 +99,23 @@ pub(super) fn decode_json(type_name: &str, bytes: &[u8]) -> Option<Message> {
     }
 }
 
+/// JSON in which `Infinity` and `NaN`, which some write though there is no such thing, are `null`.
+fn without_infinities(json: &[u8]) -> Vec<u8> {
+    let text = String::from_utf8_lossy(json);
+    text.replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null").into_bytes()
+}
+
 #[derive(Deserialize)]
 struct Scan {
     timestamp: Time,
     frame_id: String,
-    pose: Pose,
+    /// Of its own rays in the frame; where they begin if it is not stated.
+    #[serde(default)]
+    pose: Option<Pose>,
     start_angle: f64,
     end_angle: f64,
-    ranges: Vec<f64>,
+    /// JSON has no infinity: `null` where nothing came back.
+    ranges: Vec<Option<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -169,17 +180,19 @@ fn pose3(Vector { x, y, z }: &Vector, rotation: &Quaternion) -> Pose3 {
 /// A scan whose rays start elsewhere than in its frame's origin is not used: its mount would not be the frame's.
 fn scan(scan: Scan) -> Option<Message> {
     let steps = scan.ranges.len().saturating_sub(1).max(1) as f64;
-    (pose3(&scan.pose.position, &scan.pose.orientation) == Pose3::identity()).then(|| {
+    let starts_there = |pose: &Pose| pose3(&pose.position, &pose.orientation) == Pose3::identity();
+    scan.pose.as_ref().is_none_or(starts_there).then(|| {
         Message::Scan(LaserScan {
             stamp_s: scan.timestamp.seconds(),
             frame: frame_name(&scan.frame_id).to_owned(),
             angle_min_rad: scan.start_angle,
             angle_increment_rad: (scan.end_angle - scan.start_angle) / steps,
+            angle_max_rad: scan.end_angle,
             time_increment_s: 0.0,
             scan_time_s: 0.0,
             range_min_m: 0.0,
             range_max_m: LONGEST_RANGE_M,
-            ranges_m: scan.ranges.into_iter().map(|range_m| range_m as f32).collect(),
+            ranges_m: scan.ranges.into_iter().map(|range_m| range_m.map_or(f32::INFINITY, |m| m as f32)).collect(),
         })
     })
 }
@@ -418,6 +431,16 @@ mod tests {
             let Some(Message::Scan(scan)) = message else { panic!("no scan") };
             assert_eq!((scan.stamp_s, scan.frame.as_str()), (150.000_000_005, "laser"));
             assert_eq!((scan.angle_min_rad, scan.angle_increment_rad, scan.ranges_m), (-1.0, 2.0, vec![1.5, 2.5]));
+        }
+        // Without a pose, and where nothing came back, which JSON has no number for.
+        for nothing in ["null", "Infinity", "NaN"] {
+            let json = format!(
+                r#"{{"timestamp":{{"sec":1,"nsec":0}},"frame_id":"laser","start_angle":-1,"end_angle":1,"ranges":[{nothing},2.5]}}"#
+            );
+            let Some(Message::Scan(scan)) = decode_json("foxglove.LaserScan", json.as_bytes()) else {
+                panic!("no scan: {json}")
+            };
+            assert_eq!(scan.ranges_m, [f32::INFINITY, 2.5]);
         }
         let transform = [field(1, &time), field(2, b"odom"), field(3, b"base"), field(4, &double(1, 3.0))].concat();
         let list = [field(1, &transform), field(1, &transform)].concat();

@@ -53,6 +53,8 @@ pub(super) struct LaserScan {
     pub(super) angle_min_rad: f64,
     /// From ray to ray, radians; negative when they go clockwise.
     pub(super) angle_increment_rad: f64,
+    /// Angle of the last ray as it is stated, radians.
+    pub(super) angle_max_rad: f64,
     /// From ray to ray, seconds; 0 when it is not stated.
     pub(super) time_increment_s: f64,
     /// From scan to scan, seconds; 0 when it is not stated.
@@ -141,11 +143,12 @@ pub(super) fn decode(kind: Kind, channel: &Channel, bytes: &[u8]) -> Option<Mess
         Kind::PointCloud2 => Message::Cloud(cloud(cursor)?),
         Kind::Odometry => {
             let header = cursor.header()?;
-            let child = frame_name(cursor.text()?).to_owned();
+            // No frame has a pose in itself: who writes its name twice has left out what moves.
+            let child = Some(frame_name(cursor.text()?)).filter(|child| *child != header.frame).unwrap_or_default();
             Message::Odometry(Placed {
                 stamp_s: header.stamp_s,
                 parent: header.frame.to_owned(),
-                child,
+                child: child.to_owned(),
                 pose: pose(cursor)?,
             })
         }
@@ -189,18 +192,25 @@ pub(super) fn decode(kind: Kind, channel: &Channel, bytes: &[u8]) -> Option<Mess
 
 fn scan<'a>(cursor: &mut Cursor<'a>, ranges: impl FnOnce(&mut Cursor<'a>) -> Option<Vec<f32>>) -> Option<LaserScan> {
     let header = cursor.header()?;
-    let (angle_min_rad, _angle_max_rad, angle_increment_rad) = (cursor.f32()?, cursor.f32()?, cursor.f32()?);
+    let [angle_min_rad, angle_max_rad, angle_increment_rad] =
+        [cursor.f32()?, cursor.f32()?, cursor.f32()?].map(f64::from);
     let (time_increment_s, scan_time_s) = (cursor.f32()?, cursor.f32()?);
+    let (range_min_m, range_max_m) = (cursor.f32()?, cursor.f32()?);
+    let ranges_m = ranges(cursor)?;
+    // Who does not state how far apart rays are still states between which angles they lie.
+    let steps = ranges_m.len().saturating_sub(1).max(1) as f64;
+    let is_stated = angle_increment_rad != 0.0;
     Some(LaserScan {
         stamp_s: header.stamp_s,
         frame: header.frame.to_owned(),
-        angle_min_rad: angle_min_rad.into(),
-        angle_increment_rad: angle_increment_rad.into(),
+        angle_min_rad,
+        angle_increment_rad: if is_stated { angle_increment_rad } else { (angle_max_rad - angle_min_rad) / steps },
+        angle_max_rad,
         time_increment_s: time_increment_s.into(),
         scan_time_s: scan_time_s.into(),
-        range_min_m: cursor.f32()?,
-        range_max_m: cursor.f32()?,
-        ranges_m: ranges(cursor)?,
+        range_min_m,
+        range_max_m,
+        ranges_m,
     })
 }
 

@@ -10,7 +10,7 @@ use crate::images::{ImageEntry, ImagePlace};
 use floorprint::SensorId;
 use floorprint::geometry::{Pose2, Pose3};
 use floorprint::sensors::{EncoderReading, ImuReading, Record, Scan, ScanGeometry, StampedPose};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 /// Most geometries of scans that are remembered; what changes more often is made anew.
@@ -27,6 +27,8 @@ pub(super) struct RecordMaker {
     odometry_stamp_s: Option<f64>,
     /// The last angles of the wheels, left and right, radians.
     wheels_rad: Option<[f64; 2]>,
+    /// Angles of wheels that wait for those of the others, radians: some drivers send a message for each.
+    joints_rad: BTreeMap<String, f64>,
     /// Depth and colour images so far.
     pub(super) images: [Vec<ImageEntry>; 2],
     /// Messages on the topics of depth and colour images so far.
@@ -47,6 +49,7 @@ impl RecordMaker {
             slice_geometry: Arc::new(slice::geometry()),
             odometry_stamp_s: None,
             wheels_rad: None,
+            joints_rad: BTreeMap::new(),
             images: [Vec::new(), Vec::new()],
             image_messages: [0; 2],
             truth: Vec::new(),
@@ -80,13 +83,16 @@ impl RecordMaker {
         let decoded = decode(kind, message.channel, message.bytes);
         match (decoded, lidar) {
             (Some(Message::Scan(scan)), Some((sensor, lidar))) => {
+                if lidar.only_frame.as_ref().is_some_and(|frame| *frame != scan.frame) {
+                    return;
+                }
                 let stamp_s = log_time_s.unwrap_or(scan.stamp_s);
                 let geometry = self.geometry(sensor, lidar, &scan);
                 let mut ranges_m = scan.ranges_m;
-                if lidar.zero_means_no_return {
-                    for range_m in ranges_m.iter_mut().filter(|range_m| **range_m == 0.0) {
-                        *range_m = f32::INFINITY;
-                    }
+                let mark_m = lidar.no_return_mark_m.unwrap_or(f32::INFINITY);
+                let is_none = |range_m: f32| range_m >= mark_m || (lidar.zero_means_no_return && range_m == 0.0);
+                for range_m in ranges_m.iter_mut().filter(|range_m| is_none(**range_m)) {
+                    *range_m = f32::INFINITY;
                 }
                 records.extend(self.scan(sensor, stamp_s, ranges_m, geometry));
             }
@@ -118,7 +124,7 @@ impl RecordMaker {
             }
             (Some(Message::Joints(joints)), _) => {
                 let Some(Odometry::Wheels(_, wheels)) = &roles.odometry else { return };
-                let Some([left, right]) = wheels.angles_rad(&joints) else { return };
+                let Some([left, right]) = wheels.angles_rad(&joints, &mut self.joints_rad) else { return };
                 let [left_before, right_before] = self.wheels_rad.replace([left, right]).unwrap_or([left, right]);
                 records.push(Record::Encoders(EncoderReading {
                     stamp_s: log_time_s.unwrap_or(joints.stamp_s),

@@ -11,7 +11,7 @@ use super::camera::{self, Camera};
 use super::cursor::frame_name;
 use super::messages::Kind;
 use super::survey::{Survey, Topic};
-use super::transforms::MovingEdge;
+use super::transforms::{MovingEdge, is_world};
 use super::wheels::Wheels;
 use crate::data_set::TopicChoice;
 use floorprint::geometry::{Mount, Pose3};
@@ -20,6 +20,9 @@ use std::collections::BTreeSet;
 /// Planes of LiDARs that are used together lie at one height within this, metres: furniture has edges of all
 /// heights, but what is seen from within a hand's breadth is mostly the same.
 const SAME_HEIGHT_M: f64 = 0.3;
+
+/// A LiDAR sees little if its field of view is less than this share of another's, however many rays there are in it.
+const NARROW: f64 = 0.5;
 
 /// A planar LiDAR that leans more than this (cosine, 30°) sees floors and ceilings.
 const LEVEL_COSINE: f64 = 0.866;
@@ -66,6 +69,10 @@ pub(super) struct Lidar {
     /// From the first ray to the last, seconds.
     pub(super) sweep_s: f64,
     pub(super) zero_means_no_return: bool,
+    /// From this range on readings mean that nothing came back, metres.
+    pub(super) no_return_mark_m: Option<f32>,
+    /// The frame of its scans, where its topic holds those of others, too.
+    pub(super) only_frame: Option<String>,
 }
 
 /// Where odometry comes from.
@@ -172,11 +179,22 @@ impl Roles {
             .topics
             .iter()
             .filter(|(name, topic)| can(topic) && !is_called_truth(name) && self.truth.as_ref() != Some(*name));
-        // The one that the tree of frames repeats is what the robot itself goes by.
+        // The one that the tree of frames repeats is what the robot itself goes by. A place in a map is what others have made of
+        // the drive, and of a frame to which no sensor is tied nobody knows where it sits on the robot.
+        let sensors: Vec<&str> = survey
+            .topics
+            .values()
+            .filter(|topic| matches!(topic.kind, Some(Kind::LaserScan | Kind::MultiEchoLaserScan | Kind::PointCloud2)))
+            .map(Topic::frame)
+            .collect();
         let rank = |(name, topic): &(&String, &Topic)| {
             let edges = topic.children.iter().filter_map(|child| survey.transforms.odometry_of(child));
-            let repeated = edges.into_iter().any(|edge| topic.frames.contains(&edge.parent));
-            (repeated, name.ends_with("odom"), topic.usable(), std::cmp::Reverse(name.len()))
+            let repeated = edges.into_iter().any(|edge| topic.frames.contains_key(&edge.parent));
+            let in_a_map = is_world(topic.frame());
+            let is_tied = topic.children.iter().any(|child| {
+                child.is_empty() || sensors.iter().any(|sensor| survey.transforms.between(child, sensor).is_some())
+            });
+            (!in_a_map, repeated, is_tied, name.ends_with("odom"), topic.usable(), std::cmp::Reverse(name.len()))
         };
         Ok(candidates.max_by_key(rank).map(|(name, _)| name.clone()))
     }
@@ -217,7 +235,7 @@ impl Roles {
         if let Some(base) = &wanted.base {
             let base = frame_name(base);
             let stated =
-                survey.topics.values().any(|topic| topic.children.contains(base) || topic.frames.contains(base));
+                survey.topics.values().any(|topic| topic.children.contains(base) || topic.frames.contains_key(base));
             if !survey.transforms.knows(base) && !stated {
                 let candidates: BTreeSet<String> = survey.transforms.frames().map(str::to_owned).collect();
                 return Err(Unfulfilled {
@@ -234,7 +252,16 @@ impl Roles {
         let child = odometry
             .and_then(|name| survey.topics.get(name))
             .and_then(|topic| topic.children.iter().find(|child| !child.is_empty()));
-        if let Some(child) = child {
+        let transforms = &survey.transforms;
+        let alias = odometry.and_then(|name| survey.topics.get(name)).zip(child).and_then(|(topic, child)| {
+            let sensor = survey.topics.get(scans.first()?)?.frame();
+            let edge = transforms.odometry_of(sensor).filter(|edge| topic.frames.contains_key(&edge.parent))?;
+            (!transforms.knows(child)).then_some(edge.child)
+        });
+        if let (Some(alias), Some(child)) = (alias, child) {
+            self.because("base", &alias, format!("the odometry states the pose of {child}, which no transform knows; /tf moves this frame in the same one"));
+            self.base = alias;
+        } else if let Some(child) = child {
             child.clone_into(&mut self.base);
             self.because("base", child, "the odometry states its pose");
         } else if let Some(frame) = scans.first().and_then(|name| survey.topics.get(name)).map(Topic::frame) {
@@ -298,7 +325,12 @@ impl Roles {
             topics.iter().filter_map(|name| Candidate::new(survey, &self.base, name)).collect();
         if !asked_for {
             // The one that sees most comes first.
-            candidates.sort_by(|a, b| b.hits_per_s.total_cmp(&a.hits_per_s).then(a.topic.len().cmp(&b.topic.len())));
+            let widest_rad = candidates.iter().map(|c| c.field_of_view_rad).fold(0.0, f64::max);
+            let is_narrow = |c: &Candidate| c.field_of_view_rad < NARROW * widest_rad;
+            candidates.sort_by(|a, b| {
+                let by_hits = || b.hits_per_s.total_cmp(&a.hits_per_s).then(a.topic.len().cmp(&b.topic.len()));
+                is_narrow(a).cmp(&is_narrow(b)).then_with(by_hits)
+            });
             self.leave_out_doubtful(survey, &mut candidates);
         }
         for candidate in candidates {
@@ -347,11 +379,34 @@ impl Roles {
             if zero_means_no_return {
                 self.notes.push(format!("{topic}: ranges of 0 mean that nothing came back"));
             }
+            let no_return_mark_m = contents.rays.no_return_mark_m();
+            if let Some(mark_m) = no_return_mark_m {
+                self.notes.push(format!("{topic}: ranges of {mark_m} m and more mean that nothing came back"));
+            }
+            if let (scans, Some(fields_of_view)) = contents.rays.contradictory
+                && 2 * scans > contents.messages
+            {
+                let [made_deg, stated_deg] = fields_of_view.map(f64::to_degrees);
+                self.notes.push(format!(
+                    "{topic}: by angle_increment its rays span {made_deg:.1}°, by angle_min and angle_max {stated_deg:.1}°: one of them is wrong; angle_increment is believed"
+                ));
+            }
+            let only_frame = (contents.frames.len() > 1).then_some(frame);
+            if let Some(frame) = &only_frame {
+                let others: Vec<&str> =
+                    contents.frames.keys().filter(|name| *name != frame).map(String::as_str).collect();
+                self.notes.push(format!(
+                    "{topic} holds scans of several LiDARs: those in {frame} are used, those in {} are not",
+                    others.join(", ")
+                ));
+            }
             self.lidars.push(Lidar {
                 mount,
                 base_from_lidar,
                 sweep_s: contents.sweep_s(),
                 zero_means_no_return,
+                no_return_mark_m,
+                only_frame,
                 topic,
             });
         }
@@ -423,8 +478,12 @@ impl Roles {
     }
 
     fn choose_imu(&mut self, survey: &Survey) {
-        let imus = survey.topics.iter().filter(|(_, topic)| topic.kind == Some(Kind::Imu) && topic.usable() > 0);
-        let Some((name, topic)) = imus.max_by_key(|(_, topic)| topic.usable()) else { return };
+        let is_imu = |(_, topic): &(&String, &Topic)| topic.kind == Some(Kind::Imu) && topic.usable() > 0;
+        for (name, _) in survey.topics.iter().filter(is_imu).filter(|(_, topic)| !topic.turns) {
+            self.because("not used", name, "its angular velocities are 0 throughout: it holds no gyro");
+        }
+        let gyros = survey.topics.iter().filter(is_imu).filter(|(_, topic)| topic.turns);
+        let Some((name, topic)) = gyros.max_by_key(|(_, topic)| topic.usable()) else { return };
         let pose = survey.transforms.between(&self.base, topic.frame());
         self.because(
             "IMU",
@@ -440,28 +499,32 @@ impl Roles {
 
     /// Stamps of headers, unless they do not go on as times do or are of clocks that have nothing in common.
     fn choose_clock(&mut self, survey: &Survey) {
-        let odometry = match &self.odometry {
-            Some(Odometry::Topic(name, _) | Odometry::Wheels(name, _)) => Some(name),
-            _ => None,
+        let (odometry, edge) = match &self.odometry {
+            Some(Odometry::Topic(name, _) | Odometry::Wheels(name, _)) => (Some(name), None),
+            Some(Odometry::Edge(edge, _)) => (None, Some(edge)),
+            None => (None, None),
         };
-        let chosen: Vec<(&String, &Topic)> = self
+        let topics: Vec<(&String, &Topic)> = self
             .lidars
             .iter()
             .map(|lidar| &lidar.topic)
             .chain(odometry)
+            .chain(self.imu.as_ref().map(|(name, _)| name))
             .filter_map(|name| Some((name, survey.topics.get(name)?)))
             .collect();
-        let stopped = chosen.iter().find(|(_, topic)| !topic.stamps_advance());
-        let first_delay_s = chosen.first().map_or(0.0, |(_, topic)| topic.delay_s());
-        let apart = chosen.iter().find(|(_, topic)| (topic.delay_s() - first_delay_s).abs() > SAME_CLOCK_S);
+        let stopped = topics.iter().find(|(_, topic)| !topic.stamps_advance());
+        let of_topics = topics.iter().map(|(name, topic)| ((*name).clone(), topic.delay_s()));
+        let of_edge = edge.map(|edge| (format!("{} → {} on /tf", edge.parent, edge.child), edge.delay_s));
+        let delays_s: Vec<(String, f64)> = of_topics.chain(of_edge).collect();
+        let Some((first, first_delay_s)) = delays_s.first() else { return };
+        let apart = delays_s.iter().find(|(_, delay_s)| (delay_s - first_delay_s).abs() > SAME_CLOCK_S);
         let note = match (stopped, apart) {
             (Some((name, _)), _) => {
                 format!("the stamps of {name} do not advance: messages count as taken when they were recorded")
             }
-            (None, Some((name, topic))) => format!(
-                "the stamps of {name} are {:.1} s off those of {}: messages count as taken when they were recorded",
-                (topic.delay_s() - first_delay_s).abs(),
-                chosen.first().map_or("", |(first, _)| first)
+            (None, Some((name, delay_s))) => format!(
+                "the stamps of {name} are {:.1} s off those of {first}: messages count as taken when they were recorded",
+                (delay_s - first_delay_s).abs()
             ),
             (None, None) => return,
         };
@@ -478,6 +541,7 @@ struct Candidate {
     is_cloud: bool,
     /// Rays that hit something, a second.
     hits_per_s: f64,
+    field_of_view_rad: f64,
 }
 
 /// Where a LiDAR sits.
@@ -505,6 +569,7 @@ impl Candidate {
             place,
             is_cloud: topic.kind == Some(Kind::PointCloud2),
             hits_per_s,
+            field_of_view_rad: topic.rays.field_of_view_rad,
         })
     }
 

@@ -5,10 +5,18 @@ use super::image::ImageHead;
 use super::messages::{Kind, LaserScan, Message, decode};
 use super::transforms::Transforms;
 use super::{Channel, MessageSource, RawMessage};
+use floorprint::survey::no_return_mark_m;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Most names of frames that are kept for a topic.
 const MOST_FRAMES: usize = 16;
+
+/// About so many scans of a topic, spread over the recording, tell which range its driver writes where nothing came back.
+const KEPT_SCANS: usize = 512;
+
+/// What a scan states of its rays contradicts itself from this share of its field of view on; drivers count one ray too many
+/// or too few.
+const CONTRADICTORY_SHARE: f64 = 0.05;
 
 /// What is in a recording.
 #[derive(Default)]
@@ -33,11 +41,13 @@ pub(super) struct Topic {
     pub(super) stamps_s: Vec<f64>,
     /// By how much messages were recorded after their stamps, in all, seconds.
     delay_sum_s: f64,
-    /// Frames in which its numbers are.
-    pub(super) frames: BTreeSet<String>,
+    /// Frames in which its numbers are, and in how many messages.
+    pub(super) frames: BTreeMap<String, usize>,
     /// Frames whose poses it states.
     pub(super) children: BTreeSet<String>,
     pub(super) rays: Rays,
+    /// Of a topic of IMUs: whether any reading says that it turns.
+    pub(super) turns: bool,
     /// Of a topic of images: the first, without its pixels.
     pub(super) image: Option<ImageHead>,
     /// Names of joints whose angles it states.
@@ -56,6 +66,15 @@ pub(super) struct Rays {
     pub(super) beyond: usize,
     /// Rays of the longest scan.
     pub(super) per_scan: usize,
+    /// The widest field of view of a scan, radians.
+    pub(super) field_of_view_rad: f64,
+    /// Scans that state two fields of view, and the first of them: by the rays' number and distance, and by the angles of the
+    /// first and the last ray, radians.
+    pub(super) contradictory: (usize, Option<[f64; 2]>),
+    /// Ranges of every so many scans, metres.
+    kept_m: Vec<Vec<f32>>,
+    scans: usize,
+    kept_each: usize,
     /// From the first ray to the last of each scan as it is stated, seconds.
     sweeps_s: Vec<f64>,
 }
@@ -86,7 +105,7 @@ impl Survey {
             Some(Message::Transforms(samples)) => {
                 let is_static = name.ends_with("tf_static");
                 for sample in &samples {
-                    self.transforms.add(sample, is_static);
+                    self.transforms.add(sample, is_static, message.log_time_s - sample.stamp_s);
                 }
             }
             Some(decoded) => topic.add(&decoded, message.log_time_s),
@@ -106,9 +125,10 @@ impl Topic {
             log_span_s: [message.log_time_s; 2],
             stamps_s: Vec::new(),
             delay_sum_s: 0.0,
-            frames: BTreeSet::new(),
+            frames: BTreeMap::new(),
             children: BTreeSet::new(),
             rays: Rays::default(),
+            turns: false,
             image: None,
             joints: BTreeSet::new(),
             calibration: None,
@@ -129,7 +149,10 @@ impl Topic {
                 note(&mut self.children, &placed.child);
                 (placed.stamp_s, &placed.parent)
             }
-            Message::Imu(reading) => (reading.stamp_s, &reading.frame),
+            Message::Imu(reading) => {
+                self.turns |= reading.angular_velocity_rad_s.iter().any(|rate| *rate != 0.0);
+                (reading.stamp_s, &reading.frame)
+            }
             Message::Image(head) => {
                 if self.image.is_none() {
                     self.image = Some(head.clone());
@@ -150,7 +173,11 @@ impl Topic {
             }
             Message::Transforms(_) => return,
         };
-        note(&mut self.frames, frame);
+        if let Some(messages) = self.frames.get_mut(frame) {
+            *messages += 1;
+        } else if self.frames.len() < MOST_FRAMES {
+            self.frames.insert(frame.clone(), 1);
+        }
         self.stamps_s.push(stamp_s);
         self.delay_sum_s += log_time_s - stamp_s;
     }
@@ -172,16 +199,18 @@ impl Topic {
         self.delay_sum_s / self.stamps_s.len().max(1) as f64
     }
 
-    /// Whether the headers' stamps go on as times do.
+    /// Whether the headers' stamps go on as times do. Messages may be recorded twice, or be of two sensors that measure at the
+    /// same times.
     pub(super) fn stamps_advance(&self) -> bool {
         let steps = self.stamps_s.len().saturating_sub(1);
         let advances = self.stamps_s.windows(2).filter(|pair| pair[1] > pair[0]).count();
-        steps == 0 || 2 * advances > steps
+        steps == 0 || 3 * advances > steps
     }
 
-    /// The frame of its messages; the first by name where there are several.
+    /// The frame of most of its messages.
     pub(super) fn frame(&self) -> &str {
-        self.frames.iter().next().map_or("", String::as_str)
+        let by_messages = |(name, messages): &(&String, &usize)| (**messages, std::cmp::Reverse((*name).clone()));
+        self.frames.iter().max_by_key(by_messages).map_or("", |(name, _)| name)
     }
 
     /// From the first ray of a scan to the last, seconds, where the messages state what can be: no sweep takes
@@ -207,11 +236,43 @@ impl Rays {
             self.hits += usize::from(range_m > 0.0 && range_m >= scan.range_min_m && range_m < longest_m);
         }
         self.per_scan = self.per_scan.max(scan.ranges_m.len());
+        self.keep(&scan.ranges_m);
         let steps = scan.ranges_m.len().saturating_sub(1) as f64;
+        let [made_rad, stated_rad] = [scan.angle_increment_rad * steps, scan.angle_max_rad - scan.angle_min_rad];
+        self.field_of_view_rad = self.field_of_view_rad.max(made_rad.abs());
+        let allowed_rad = (CONTRADICTORY_SHARE * stated_rad.abs()).max(2.0 * scan.angle_increment_rad.abs());
+        if steps > 0.0 && (made_rad - stated_rad).abs() > allowed_rad {
+            self.contradictory.0 += 1;
+            self.contradictory.1.get_or_insert([made_rad, stated_rad]);
+        }
         let turn_share = scan.angle_increment_rad.abs() / std::f64::consts::TAU;
         // Drivers that do not state the time from ray to ray may state that of a turn.
         let step_s = if scan.time_increment_s == 0.0 { scan.scan_time_s * turn_share } else { scan.time_increment_s };
         self.sweeps_s.push(step_s * steps);
+    }
+
+    /// Keeps a scan's ranges, or not: of a long recording fewer.
+    fn keep(&mut self, ranges_m: &[f32]) {
+        let each = self.kept_each.max(1);
+        if self.scans.is_multiple_of(each) {
+            self.kept_m.push(ranges_m.to_vec());
+        }
+        self.scans += 1;
+        if self.kept_m.len() == 2 * KEPT_SCANS {
+            let mut number = 0;
+            self.kept_m.retain(|_| {
+                number += 1;
+                number % 2 == 1
+            });
+            self.kept_each = 2 * each;
+        }
+    }
+
+    /// The range from which on readings mean that nothing came back, metres, where the driver writes one within the range that
+    /// it states, and nothing beyond.
+    pub(super) fn no_return_mark_m(&self) -> Option<f32> {
+        let readings_m = || self.kept_m.iter().flatten().copied().filter(|range_m| range_m.is_finite());
+        if self.beyond > 0 { None } else { no_return_mark_m(readings_m) }
     }
 
     /// Whether a range of 0 stands for "nothing came back": where nothing else does.

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 const AGREEMENT: f64 = 1e-4;
 
 /// Frames of the world: what moves in them is a place in a map, not odometry.
-const WORLDS: [&str; 3] = ["map", "world", "earth"];
+const WORLDS: [&str; 4] = ["map", "world", "earth", "utm"];
 
 /// All edges of all trees, by child.
 #[derive(Default)]
@@ -24,12 +24,14 @@ pub(super) struct Transforms {
 /// A frame's pose in a parent.
 struct Edge {
     parent: String,
-    /// The first sample, `parent_from_child`.
-    first: Pose3,
+    /// `parent_from_child`: the newest sample of what is static, else the first.
+    pose: Pose3,
     is_static: bool,
-    /// How far any sample is from the first.
+    /// How far any sample is from the one before that counts.
     deviation: f64,
     samples: usize,
+    /// By how much they were recorded after their stamps, in all, seconds.
+    delay_sum_s: f64,
 }
 
 impl Edge {
@@ -44,11 +46,13 @@ pub(super) struct MovingEdge {
     pub(super) parent: String,
     pub(super) child: String,
     pub(super) samples: usize,
+    /// By how much its samples were recorded after their stamps on the average, seconds.
+    pub(super) delay_s: f64,
 }
 
 impl Transforms {
-    /// Takes one more sample of an edge.
-    pub(super) fn add(&mut self, sample: &Placed, is_static: bool) {
+    /// Takes one more sample of an edge, recorded so many seconds after its stamp.
+    pub(super) fn add(&mut self, sample: &Placed, is_static: bool, delay_s: f64) {
         let Pose3 { rotation, translation_m } = &sample.pose;
         if sample.child == sample.parent || !rotation.iter().chain(translation_m).all(|value| value.is_finite()) {
             return;
@@ -58,15 +62,26 @@ impl Transforms {
         }
         let Some(parents) = self.edges.get_mut(&sample.child) else { return };
         let Some(edge) = parents.iter_mut().find(|edge| edge.parent == sample.parent) else {
-            let first = sample.pose;
-            parents.push(Edge { parent: sample.parent.clone(), first, is_static, deviation: 0.0, samples: 1 });
+            parents.push(Edge {
+                parent: sample.parent.clone(),
+                pose: sample.pose,
+                is_static,
+                deviation: 0.0,
+                samples: 1,
+                delay_sum_s: delay_s,
+            });
             return;
         };
-        let moved = (sample.pose.translation_m - edge.first.translation_m).amax();
-        let turned = (sample.pose.rotation - edge.first.rotation).amax();
+        let moved = (sample.pose.translation_m - edge.pose.translation_m).amax();
+        let turned = (sample.pose.rotation - edge.pose.rotation).amax();
         edge.deviation = edge.deviation.max(moved.max(turned));
         edge.is_static |= is_static;
+        // What is stated anew of what is static was mended.
+        if is_static {
+            edge.pose = sample.pose;
+        }
         edge.samples += 1;
+        edge.delay_sum_s += delay_s;
     }
 
     /// Whether a frame is known at all.
@@ -90,7 +105,7 @@ impl Transforms {
                 edge.is_fixed() && !is_world(&edge.parent) && edge.parent != "odom"
             });
             let Some(edge) = edge.filter(|edge| chain.iter().all(|(known, _)| *known != edge.parent)) else { break };
-            chain.push((&edge.parent, edge.first.compose(&child_from_frame)));
+            chain.push((&edge.parent, edge.pose.compose(&child_from_frame)));
         }
         chain
     }
@@ -134,12 +149,18 @@ impl Transforms {
             let moving = self.edges.get(child).into_iter().flatten();
             let moving = moving.filter(|edge| !edge.is_fixed() && !is_world(&edge.parent));
             let best = moving.max_by_key(|edge| (edge.parent.contains("odom"), edge.samples))?;
-            Some(MovingEdge { parent: best.parent.clone(), child: child.to_owned(), samples: best.samples })
+            Some(MovingEdge {
+                parent: best.parent.clone(),
+                child: child.to_owned(),
+                samples: best.samples,
+                delay_s: best.delay_sum_s / best.samples as f64,
+            })
         })
     }
 }
 
-fn is_world(frame: &str) -> bool {
+/// Whether a frame is that of a map, in which who moves has a place rather than odometry.
+pub(super) fn is_world(frame: &str) -> bool {
     WORLDS.contains(&frame)
 }
 
@@ -160,6 +181,7 @@ mod tests {
                         pose: Pose3::from_quaternion([x_m, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]),
                     },
                     false,
+                    0.0,
                 );
             }
         }

@@ -1,7 +1,7 @@
 //! Wheels among the joints of a robot, told by their names.
 
 use super::messages::Joints;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 
@@ -29,17 +29,21 @@ impl Wheels {
         (!sides[0].is_empty() && sides[0].len() == sides[1].len()).then_some(Self { sides })
     }
 
-    /// The mean angles of the wheels of either side, radians; none in a message of other joints.
-    pub(super) fn angles_rad(&self, joints: &Joints) -> Option<[f64; 2]> {
-        let angle = |name: &String| {
-            let index = joints.names.iter().position(|joint| joint == name)?;
-            joints.positions.get(index).copied().filter(|angle| angle.is_finite())
-        };
+    /// The mean angles of the wheels of either side, radians, as soon as a message and those before it that `wait` tell of all of
+    /// them; none in a message of other joints.
+    pub(super) fn angles_rad(&self, joints: &Joints, wait: &mut BTreeMap<String, f64>) -> Option<[f64; 2]> {
+        for (name, angle) in joints.names.iter().zip(&joints.positions) {
+            if angle.is_finite() && self.sides.iter().flatten().any(|wheel| wheel == name) {
+                wait.insert(name.clone(), *angle);
+            }
+        }
         let mean = |names: &[String]| -> Option<f64> {
-            let angles: Vec<f64> = names.iter().map(angle).collect::<Option<_>>()?;
+            let angles: Vec<f64> = names.iter().map(|name| wait.get(name).copied()).collect::<Option<_>>()?;
             Some(angles.iter().sum::<f64>() / angles.len() as f64)
         };
-        Some([mean(&self.sides[0])?, mean(&self.sides[1])?])
+        let means = [mean(&self.sides[0])?, mean(&self.sides[1])?];
+        wait.clear();
+        Some(means)
     }
 
     /// Radians from one angle to the next: drivers that start anew after a turn jump by nearly one, which no wheel does
@@ -83,8 +87,16 @@ mod tests {
         let wheels = Wheels::among(&["wheel_left", "wheel_right"].map(str::to_owned).into()).unwrap();
         let names = ["arm", "wheel_right", "wheel_left"].map(str::to_owned).to_vec();
         let joints = Joints { stamp_s: 0.0, names, positions: vec![9.0, 2.0, 1.0] };
-        assert_eq!(wheels.angles_rad(&joints), Some([1.0, 2.0]));
-        assert_eq!(wheels.angles_rad(&Joints { names: vec!["arm".to_owned()], ..joints }), None);
+        let mut wait = BTreeMap::new();
+        assert_eq!(wheels.angles_rad(&joints, &mut wait), Some([1.0, 2.0]));
+        let mut of_one = |name: &str, angle: f64| {
+            wheels.angles_rad(&Joints { stamp_s: 0.0, names: vec![name.to_owned()], positions: vec![angle] }, &mut wait)
+        };
+        assert_eq!(of_one("arm", 9.0), None);
+        // A message for each wheel: the newest angle of either.
+        assert_eq!((of_one("wheel_left", 1.0), of_one("wheel_left", 3.0)), (None, None));
+        assert_eq!(of_one("wheel_right", 4.0), Some([3.0, 4.0]));
+        assert_eq!(of_one("wheel_right", 5.0), None);
         assert!((Wheels::turned_rad(3.0, -3.0) - (TAU - 6.0)).abs() < 1e-12);
         assert_eq!((Wheels::turned_rad(100.0, 104.0), Wheels::turned_rad(0.5, 0.25)), (4.0, -0.25));
     }
