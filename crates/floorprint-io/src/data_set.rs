@@ -81,7 +81,13 @@ impl BagContents {
     /// The topics in a line, with types and numbers of messages.
     #[must_use]
     pub fn list_of_topics(&self) -> String {
-        let entry = |topic: &TopicSummary| format!("{} ({}, {})", topic.name, topic.type_name, topic.messages);
+        let entry = |topic: &TopicSummary| {
+            let unread = match topic.undecodable {
+                0 => String::new(),
+                unread => format!(", {unread} of which cannot be read"),
+            };
+            format!("{} ({}, {}{unread})", topic.name, topic.type_name, topic.messages)
+        };
         self.topics.iter().map(entry).collect::<Vec<_>>().join(", ")
     }
 }
@@ -97,6 +103,8 @@ pub struct TopicSummary {
     pub encoding: String,
     /// How many there are.
     pub messages: usize,
+    /// How many of them are not what their type says, or say it in a way that is not read.
+    pub undecodable: usize,
     /// How many were recorded a second.
     pub rate_hz: f64,
     /// Frames in which their numbers are or whose poses they state.

@@ -489,6 +489,50 @@ fn odometry_is_what_hangs_together_with_the_lidar() {
 }
 
 #[test]
+fn odometry_that_was_recorded_much_later_than_its_stamps_is_told() {
+    let with_delay = |delay_ns: u64| {
+        let step = |step| {
+            let odometry = odometry("/odom", at(step) - delay_ns, "base_link", place(step));
+            let recorded = Message { log_ns: at(step), ..odometry };
+            [recorded, scan("/scan", at(step), "base_link", &RAYS, &ranges_m(step))]
+        };
+        choose(&(0..9).flat_map(step).collect::<Vec<_>>(), TopicChoice::default()).unwrap()
+    };
+    let late = with_delay(3_000_000_000);
+    assert!(note_of(&late, "the stamps of /odom are 3.0 s behind those of /scan").is_some(), "{:?}", late.notes);
+    assert!(with_delay(100_000_000).notes.iter().all(|note| !note.contains("behind")));
+}
+
+#[test]
+fn of_two_robots_with_the_same_frames_one_is_taken_whole() {
+    let of = |robot: &str, x_m: f64, step| {
+        let [x, y, theta] = place(step);
+        let x = x + 100.0 * x_m;
+        [
+            transform(&format!("/{robot}/tf_static"), at(step), "base_link", "laser", [x_m, 0.0, 0.2], [0.0; 2]),
+            transform(&format!("/{robot}/tf"), at(step), "odom", "base_link", [x, y, 0.0], [0.0, theta]),
+            scan(&format!("/{robot}/scan"), at(step), "laser", &RAYS, &ranges_m(step)),
+        ]
+    };
+    let step = |step| [of("robot1", 0.1, step), of("robot2", 0.3, step)].concat();
+    let messages: Vec<Message> = (0..9).flat_map(step).collect();
+    let own = |scans: &[&str]| {
+        let scans = scans.iter().map(|name| (*name).to_owned()).collect();
+        let data_set = choose(&messages, TopicChoice { scans, ..TopicChoice::default() }).unwrap();
+        assert!(note_of(&data_set, "several robots").is_some(), "{:?}", data_set.notes);
+        let poses = data_set.records.iter().filter_map(|record| match record {
+            Record::Odometry(stamped) => Some(stamped.pose.x),
+            _ => None,
+        });
+        let poses: Vec<f64> = poses.collect();
+        assert_eq!((data_set.scans().count(), poses.len()), (9, 9));
+        (data_set.robot.lidar.mount.x_m, poses[0])
+    };
+    assert_eq!(own(&[]), (0.1, 10.0));
+    assert_eq!(own(&["/robot2/scan"]), (0.3, 30.0));
+}
+
+#[test]
 fn transforms_of_another_clock_count_as_taken_when_they_were_recorded() {
     let step = |step| {
         let [x, y, theta] = place(step);

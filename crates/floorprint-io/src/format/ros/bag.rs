@@ -20,7 +20,7 @@ pub(super) fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, Re
     let path = source.path();
     let recording = Recording::open(source)?;
     // The hash needs a pass of its own, beside the first one.
-    let (hash, (survey, damage)) = std::thread::scope(|scope| {
+    let (hash, (mut survey, damage)) = std::thread::scope(|scope| {
         let hash = scope.spawn(|| recording.hash());
         let mut messages = recording.messages();
         let survey = Survey::of(&mut messages);
@@ -39,7 +39,7 @@ pub(super) fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, Re
     if is_live && options.topics == TopicChoice::default() {
         return live::read(path, &recording, input_hash);
     }
-    let roles = Roles::choose(&survey, &options.topics).map_err(|unfulfilled| unfulfilled.at(path))?;
+    let roles = Roles::of_one_robot(&mut survey, &options.topics).map_err(|unfulfilled| unfulfilled.at(path))?;
 
     let mut maker = RecordMaker::new();
     let mut messages = recording.messages();
@@ -120,6 +120,7 @@ fn contents(survey: &Survey, roles: Roles, truth: Vec<StampedPose>) -> BagConten
         type_name: topic.type_name.clone(),
         encoding: topic.encoding.clone(),
         messages: topic.messages,
+        undecodable: topic.undecodable,
         rate_hz: topic.rate_hz(),
         frames: topic.frames.keys().chain(&topic.children).filter(|frame| !frame.is_empty()).cloned().collect(),
     };

@@ -76,7 +76,8 @@ impl RecordMaker {
             return self.take_image(camera, kind, message, roles.by_log_time);
         }
         let plays = lidar.is_some() || is_odometry || imu.is_some() || is_truth;
-        if !plays && (edge.is_none() || kind != Kind::Transforms) {
+        let is_of_another = || roles.other_robots.iter().any(|robot| topic.starts_with(robot.as_str()));
+        if !plays && (edge.is_none() || kind != Kind::Transforms || is_of_another()) {
             return;
         }
         let log_time_s = roles.by_log_time.then_some(message.log_time_s);

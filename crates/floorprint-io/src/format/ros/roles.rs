@@ -33,6 +33,9 @@ const MADE_OF: f64 = 0.9;
 /// Clocks of topics that differ more than this cannot be used together, seconds: networks are not so slow.
 const SAME_CLOCK_S: f64 = 10.0;
 
+/// Who differs by more than this is told of it, seconds: sensors and networks are quicker.
+const LATE_S: f64 = 2.0;
+
 /// Parts of topics' names that announce the truth.
 const TRUTH_NAMES: [&str; 9] =
     ["ground_truth", "groundtruth", "truth", "gt", "mocap", "vicon", "optitrack", "qualisys", "motion_capture"];
@@ -54,6 +57,8 @@ pub(super) struct Roles {
     pub(super) all_places_known: bool,
     /// Whether messages count as taken when they were recorded: where their own stamps are nonsense.
     pub(super) by_log_time: bool,
+    /// Namespaces of other robots, whose messages play no role.
+    pub(super) other_robots: Vec<String>,
     /// What was chosen and what was not, with the reason.
     pub(super) reasons: Vec<Reason>,
     /// What the user ought to know.
@@ -106,6 +111,20 @@ pub(super) struct Unfulfilled {
 }
 
 impl Roles {
+    /// Chooses all roles among what belongs to one robot.
+    pub(super) fn of_one_robot(survey: &mut Survey, wanted: &TopicChoice) -> Result<Self, Unfulfilled> {
+        let other_robots = survey.leave_one_robot(&wanted.scans);
+        let mut roles = Self::choose(survey, wanted)?;
+        if let Some(other) = other_robots.first() {
+            roles.notes.push(format!(
+                "several robots were recorded, whose frames have the same names; those in {} are not used: --scan {other}… takes that one",
+                other_robots.join(", ")
+            ));
+        }
+        roles.other_robots = other_robots;
+        Ok(roles)
+    }
+
     /// Chooses all roles.
     pub(super) fn choose(survey: &Survey, wanted: &TopicChoice) -> Result<Self, Unfulfilled> {
         let mut roles = Self {
@@ -117,6 +136,7 @@ impl Roles {
             camera: None,
             all_places_known: true,
             by_log_time: false,
+            other_robots: Vec::new(),
             reasons: Vec::new(),
             notes: Vec::new(),
         };
@@ -517,7 +537,8 @@ impl Roles {
         let of_edge = edge.map(|edge| (format!("{} → {} on /tf", edge.parent, edge.child), edge.delay_s));
         let delays_s: Vec<(String, f64)> = of_topics.chain(of_edge).collect();
         let Some((first, first_delay_s)) = delays_s.first() else { return };
-        let apart = delays_s.iter().find(|(_, delay_s)| (delay_s - first_delay_s).abs() > SAME_CLOCK_S);
+        let beyond = |limit_s: f64| delays_s.iter().find(move |(_, delay_s)| (delay_s - first_delay_s).abs() > limit_s);
+        let apart = beyond(SAME_CLOCK_S);
         let note = match (stopped, apart) {
             (Some((name, _)), _) => {
                 format!("the stamps of {name} do not advance: messages count as taken when they were recorded")
@@ -526,7 +547,17 @@ impl Roles {
                 "the stamps of {name} are {:.1} s off those of {first}: messages count as taken when they were recorded",
                 (delay_s - first_delay_s).abs()
             ),
-            (None, None) => return,
+            (None, None) => {
+                if let Some((name, delay_s)) = beyond(LATE_S) {
+                    let behind_s = delay_s - first_delay_s;
+                    self.notes.push(format!(
+                        "by when messages were recorded the stamps of {name} are {:.1} s {} those of {first}; they are taken as they are. Where the clocks differ rather than the delays, correct the stamps (robot.lag has small ones)",
+                        behind_s.abs(),
+                        if behind_s > 0.0 { "behind" } else { "ahead of" }
+                    ));
+                }
+                return;
+            }
         };
         self.notes.push(note);
         self.by_log_time = true;

@@ -95,8 +95,8 @@ impl MessageStream {
     /// # Errors
     /// When what was asked for is not there.
     pub fn decide(&mut self) -> Result<Decision, ReadError> {
-        let mut roles =
-            Roles::choose(&self.survey, &self.choice).map_err(|unfulfilled| unfulfilled.at(Path::new("ROS 2")))?;
+        let mut roles = Roles::of_one_robot(&mut self.survey, &self.choice)
+            .map_err(|unfulfilled| unfulfilled.at(Path::new("ROS 2")))?;
         let mut maker = RecordMaker::new();
         let mut records = Vec::new();
         for (topic, time_s, cdr) in std::mem::take(&mut self.waiting) {

@@ -23,7 +23,10 @@ const CONTRADICTORY_SHARE: f64 = 0.05;
 pub(super) struct Survey {
     /// By name.
     pub(super) topics: BTreeMap<String, Topic>,
+    /// Of all namespaces, until [`leave_one_robot`](Self::leave_one_robot).
     pub(super) transforms: Transforms,
+    /// The same by what is before `tf` and `tf_static` in the topics' names.
+    by_namespace: BTreeMap<String, Transforms>,
 }
 
 /// What is on a topic.
@@ -104,13 +107,50 @@ impl Survey {
         match decode(kind, message.channel, message.bytes) {
             Some(Message::Transforms(samples)) => {
                 let is_static = name.ends_with("tf_static");
+                let namespace = name.strip_suffix("tf_static").or(name.strip_suffix("tf")).unwrap_or_default();
+                if !self.by_namespace.contains_key(namespace) {
+                    self.by_namespace.insert(namespace.to_owned(), Transforms::default());
+                }
+                let Some(of_namespace) = self.by_namespace.get_mut(namespace) else { return };
                 for sample in &samples {
-                    self.transforms.add(sample, is_static, message.log_time_s - sample.stamp_s);
+                    for transforms in [&mut self.transforms, of_namespace] {
+                        transforms.add(sample, is_static, message.log_time_s - sample.stamp_s);
+                    }
                 }
             }
             Some(decoded) => topic.add(&decoded, message.log_time_s),
             None => topic.undecodable += 1,
         }
+    }
+}
+
+impl Survey {
+    /// Leaves the topics and transforms of one robot where several, each with a namespace and transforms of its own, call their
+    /// frames by the same names: of the one whose scans are asked for, else of the first by name. Gives the namespaces of the
+    /// others.
+    pub(super) fn leave_one_robot(&mut self, wanted_scans: &[String]) -> Vec<String> {
+        let robots: Vec<&String> = self.by_namespace.keys().filter(|name| !matches!(name.as_str(), "" | "/")).collect();
+        let mut pairs = robots.iter().enumerate().flat_map(|(index, a)| robots[..index].iter().map(move |b| (a, b)));
+        if !pairs.any(|(a, b)| self.by_namespace[*a].share_a_frame(&self.by_namespace[*b])) {
+            return Vec::new();
+        }
+        let bare = |name: &str| name.trim_start_matches('/').to_owned();
+        let is_in = |topic: &str, namespace: &str| bare(topic).starts_with(&bare(namespace));
+        let is_wanted = |robot: &&&String| wanted_scans.iter().any(|scan| is_in(scan, robot));
+        let Some(chosen) = robots.iter().find(is_wanted).or(robots.first()).map(|robot| (*robot).clone()) else {
+            return Vec::new();
+        };
+        let others: Vec<String> = robots.into_iter().filter(|robot| **robot != chosen).cloned().collect();
+        self.transforms = Transforms::default();
+        for (_, transforms) in
+            std::mem::take(&mut self.by_namespace).into_iter().filter(|(name, _)| !others.contains(name))
+        {
+            self.transforms.extend(transforms);
+        }
+        for (_, topic) in self.topics.iter_mut().filter(|(name, _)| others.iter().any(|other| is_in(name, other))) {
+            topic.kind = None;
+        }
+        others
     }
 }
 

@@ -84,6 +84,18 @@ impl Transforms {
         edge.delay_sum_s += delay_s;
     }
 
+    /// Takes the edges of other trees as well.
+    pub(super) fn extend(&mut self, others: Self) {
+        for (child, edges) in others.edges {
+            self.edges.entry(child).or_default().extend(edges);
+        }
+    }
+
+    /// Whether a frame has a parent in both.
+    pub(super) fn share_a_frame(&self, other: &Self) -> bool {
+        self.edges.keys().any(|child| other.edges.contains_key(child))
+    }
+
     /// Whether a frame is known at all.
     pub(super) fn knows(&self, frame: &str) -> bool {
         self.edges.contains_key(frame) || self.edges.values().flatten().any(|edge| edge.parent == frame)
