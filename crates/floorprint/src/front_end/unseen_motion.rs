@@ -279,6 +279,18 @@ mod tests {
         /// Comes to `pose` by a step along x of so many metres, of which the odometry reports `measured`; scans usually
         /// follow each other in 0.2 s.
         fn observe(&mut self, pose: &Pose2, step_m: f64, measured: Option<&Pose2>, elapsed_s: f64) {
+            self.observe_so(pose, step_m, measured, elapsed_s, |_| {});
+        }
+
+        /// The same with a fit that is changed before.
+        fn observe_so(
+            &mut self,
+            pose: &Pose2,
+            step_m: f64,
+            measured: Option<&Pose2>,
+            elapsed_s: f64,
+            change: impl Fn(&mut Fit),
+        ) {
             let (matcher, scan) = (MatcherConfig::default(), seen(&self.walls, pose));
             let prior = PoseBelief { pose: *pose, information: Matrix3::identity() * 400.0 };
             let result = match_scan(&self.map, &scan, &prior, &matcher);
@@ -293,7 +305,9 @@ mod tests {
                 is_tested: true,
             };
             let explained_share = result.inlier_share;
-            let fit = Fit { result, explained_share, prior, odometry: OdometryVerdict::Confirmed, is_unearned: false };
+            let mut fit =
+                Fit { result, explained_share, prior, odometry: OdometryVerdict::Confirmed, is_unearned: false };
+            change(&mut fit);
             self.unseen.observe(&step, &fit, &scan, &self.map, &matcher);
         }
     }
@@ -320,27 +334,10 @@ mod tests {
         let (there, here) = (Pose2::IDENTITY, Pose2::new(0.2, 0.0, 0.0));
         let sigma_m = |is_unearned: bool| {
             let mut robot = Robot::new(room.clone(), &there, UnseenMotion::default());
-            let (matcher, scan) = (MatcherConfig::default(), seen(&room, &here));
-            let belief = |pose: Pose2| PoseBelief { pose, information: Matrix3::identity() * 400.0 };
-            let result = match_scan(&robot.map, &scan, &belief(here), &matcher);
-            let fit = Fit {
-                result,
-                explained_share: result.inlier_share,
-                prior: belief(there),
-                odometry: OdometryVerdict::Contradicted,
-                is_unearned,
-            };
-            let step = Step {
-                measured: Some(&Pose2::IDENTITY),
-                proven_shares: [1.0; 2],
-                matched: &here,
-                elapsed_s: 0.2,
-                paces: 1.0,
-                is_gap: false,
-                is_believed: true,
-                is_tested: true,
-            };
-            robot.unseen.observe(&step, &fit, &scan, &robot.map, &matcher);
+            robot.observe_so(&here, 0.2, Some(&Pose2::IDENTITY), 0.2, |fit| {
+                fit.prior.pose = there;
+                (fit.odometry, fit.is_unearned) = (OdometryVerdict::Contradicted, is_unearned);
+            });
             robot.unseen.drift().sigma_m
         };
         let (earned_m, unearned_m) = (sigma_m(false), sigma_m(true));
