@@ -381,7 +381,12 @@ fn reason_of(data_set: &DataSet, what: &str) -> (&'static str, String) {
 #[test]
 fn two_lidars_on_one_topic_are_not_taken_for_one() {
     let other = |step| vec![scan("/scan", at(step), "another", &RAYS, &[1.0; 60])];
-    let data_set = with_others(|step| if step % 4 == 0 { Vec::new() } else { other(step) });
+    let mount = |step| transform("/tf_static", at(step), "base_link", "another", [-0.3, 0.0, 0.2], [0.0; 2]);
+    let both = |step| if step % 4 == 0 { vec![mount(step)] } else { other(step) };
+    // Another name of the same LiDAR, or none, is no other LiDAR.
+    let renamed = with_others(|step| vec![scan("/scan", at(step) + 50_000_000, "", &RAYS, &ranges_m(step))]);
+    assert!(renamed.scans().count() == 80 && note_of(&renamed, "several LiDARs").is_none());
+    let data_set = with_others(both);
     assert_eq!(data_set.scans().count(), 40);
     assert!(data_set.scans().all(|scan| scan.ranges_m.len() == 121));
     assert!((data_set.robot.lidar.mount.x_m - 0.3).abs() < 1e-9);
@@ -398,7 +403,7 @@ fn a_range_that_a_driver_writes_where_nothing_came_back_is_no_wall() {
             ranges_m[61] = if beyond { f32::INFINITY } else { ranges_m[61] };
             [odometry("/odom", at(step), "base_link", place(step)), scan("/scan", at(step), "laser", &RAYS, &ranges_m)]
         };
-        choose(&(0..40).flat_map(step).collect::<Vec<_>>(), TopicChoice::default()).unwrap()
+        choose(&(0..120).flat_map(step).collect::<Vec<_>>(), TopicChoice::default()).unwrap()
     };
     let data_set = with_mark(25.5, false);
     assert!(note_of(&data_set, "ranges of 25.5 m and more").is_some(), "{:?}", data_set.notes);
@@ -446,8 +451,8 @@ fn who_sees_all_around_is_preferred_to_who_looks_ahead() {
 #[test]
 fn an_imu_without_a_gyro_is_none() {
     let data_set = with_others(|step| {
-        let accelerometer = |part: u64| imu("/accel", at(step) + part * 30_000_000, "base_link", 0.0);
-        (0..3).map(accelerometer).chain([imu("/gyro", at(step), "base_link", 0.2)]).collect()
+        let accelerometer = |part: u64| imu("/accel", at(3 * step) + part * 30_000_000, "base_link", 0.0);
+        (0..3).map(accelerometer).chain([imu("/gyro", at(3 * step), "base_link", 0.2)]).collect()
     });
     assert_eq!((reason_of(&data_set, "/gyro").0, reason_of(&data_set, "/accel").0), ("IMU", "not used"));
     let turning = data_set.records.iter().filter(|record| matches!(record, Record::Imu(_))).count();
@@ -530,6 +535,20 @@ fn of_two_robots_with_the_same_frames_one_is_taken_whole() {
     };
     assert_eq!(own(&[]), (0.1, 10.0));
     assert_eq!(own(&["/robot2/scan"]), (0.3, 30.0));
+    // One of them has no namespace.
+    let messages: Vec<Message> = messages
+        .iter()
+        .map(|message| Message { topic: message.topic.trim_start_matches("/robot1").to_owned(), ..message.clone() })
+        .collect();
+    for (scan, expected) in [("/scan", (0.1, 10.0)), ("/robot2/scan", (0.3, 30.0))] {
+        let topics = TopicChoice { scans: vec![scan.to_owned()], ..TopicChoice::default() };
+        let data_set = choose(&messages, topics).unwrap();
+        let first_m = data_set.records.iter().find_map(|record| match record {
+            Record::Odometry(stamped) => Some(stamped.pose.x),
+            _ => None,
+        });
+        assert_eq!((data_set.robot.lidar.mount.x_m, first_m), (expected.0, Some(expected.1)));
+    }
 }
 
 #[test]

@@ -143,14 +143,15 @@ fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, ReadError> {
     })
 }
 
-/// A line in which semicolons are commas, and what are commas beside them are decimal points.
+/// A line in which semicolons are commas, and what are commas beside them are decimal points if there are no others.
 fn separated(line: &[u8]) -> Cow<'_, [u8]> {
     if !line.contains(&b';') {
         return Cow::Borrowed(line);
     }
+    let has_points = line.contains(&b'.');
     let otherwise = |&byte: &u8| match byte {
         b';' => b',',
-        b',' => b'.',
+        b',' if !has_points => b'.',
         byte => byte,
     };
     Cow::Owned(line.iter().map(otherwise).collect())

@@ -99,10 +99,11 @@ pub(super) fn decode_json(type_name: &str, bytes: &[u8]) -> Option<Message> {
     }
 }
 
-/// JSON in which `Infinity` and `NaN`, which some write though there is no such thing, are `null`.
+/// JSON in which `Infinity`, which some write though there is no such thing, is `null`, and what means that a ray does not count
+/// (`-Infinity`, `NaN`) no range.
 fn without_infinities(json: &[u8]) -> Vec<u8> {
     let text = String::from_utf8_lossy(json);
-    text.replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null").into_bytes()
+    text.replace("-Infinity", "-1").replace("Infinity", "null").replace("NaN", "-1").into_bytes()
 }
 
 #[derive(Deserialize)]
@@ -433,14 +434,14 @@ mod tests {
             assert_eq!((scan.angle_min_rad, scan.angle_increment_rad, scan.ranges_m), (-1.0, 2.0, vec![1.5, 2.5]));
         }
         // Without a pose, and where nothing came back, which JSON has no number for.
-        for nothing in ["null", "Infinity", "NaN"] {
+        for (nothing, expected_m) in [("null", f32::INFINITY), ("Infinity", f32::INFINITY), ("NaN", -1.0)] {
             let json = format!(
                 r#"{{"timestamp":{{"sec":1,"nsec":0}},"frame_id":"laser","start_angle":-1,"end_angle":1,"ranges":[{nothing},2.5]}}"#
             );
             let Some(Message::Scan(scan)) = decode_json("foxglove.LaserScan", json.as_bytes()) else {
                 panic!("no scan: {json}")
             };
-            assert_eq!(scan.ranges_m, [f32::INFINITY, 2.5]);
+            assert_eq!(scan.ranges_m, [expected_m, 2.5]);
         }
         let transform = [field(1, &time), field(2, b"odom"), field(3, b"base"), field(4, &double(1, 3.0))].concat();
         let list = [field(1, &transform), field(1, &transform)].concat();

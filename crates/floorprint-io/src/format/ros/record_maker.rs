@@ -3,6 +3,7 @@
 use super::camera::Camera;
 use super::messages::{Inertial, Kind, LaserScan, Message, Placed, decode};
 use super::roles::{Lidar, Odometry, Roles};
+use super::survey::namespace_of;
 use super::wheels::Wheels;
 use super::{RawMessage, slice};
 use crate::data_set::{DropCounts, DropReason};
@@ -76,7 +77,7 @@ impl RecordMaker {
             return self.take_image(camera, kind, message, roles.by_log_time);
         }
         let plays = lidar.is_some() || is_odometry || imu.is_some() || is_truth;
-        let is_of_another = || roles.other_robots.iter().any(|robot| topic.starts_with(robot.as_str()));
+        let is_of_another = || roles.other_robots.iter().any(|robot| robot == namespace_of(topic));
         if !plays && (edge.is_none() || kind != Kind::Transforms || is_of_another()) {
             return;
         }
@@ -84,7 +85,7 @@ impl RecordMaker {
         let decoded = decode(kind, message.channel, message.bytes);
         match (decoded, lidar) {
             (Some(Message::Scan(scan)), Some((sensor, lidar))) => {
-                if lidar.only_frame.as_ref().is_some_and(|frame| *frame != scan.frame) {
+                if !lidar.is_of(&scan.frame) {
                     return;
                 }
                 let stamp_s = log_time_s.unwrap_or(scan.stamp_s);
@@ -98,6 +99,9 @@ impl RecordMaker {
                 records.extend(self.scan(sensor, stamp_s, ranges_m, geometry));
             }
             (Some(Message::Cloud(cloud)), Some((sensor, lidar))) => {
+                if !lidar.is_of(&cloud.frame) {
+                    return;
+                }
                 let ranges_m = slice::ranges_m(&cloud, &lidar.base_from_lidar);
                 let geometry = Arc::clone(&self.slice_geometry);
                 records.extend(self.scan(sensor, log_time_s.unwrap_or(cloud.stamp_s), ranges_m, geometry));

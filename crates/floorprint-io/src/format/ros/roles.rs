@@ -80,6 +80,13 @@ pub(super) struct Lidar {
     pub(super) only_frame: Option<String>,
 }
 
+impl Lidar {
+    /// Whether a scan in a frame is its own.
+    pub(super) fn is_of(&self, frame: &str) -> bool {
+        self.only_frame.as_ref().is_none_or(|only| only == frame)
+    }
+}
+
 /// Where odometry comes from.
 pub(super) enum Odometry {
     /// A topic, and `child_from_base` of the frame whose pose it states.
@@ -113,7 +120,8 @@ pub(super) struct Unfulfilled {
 impl Roles {
     /// Chooses all roles among what belongs to one robot.
     pub(super) fn of_one_robot(survey: &mut Survey, wanted: &TopicChoice) -> Result<Self, Unfulfilled> {
-        let other_robots = survey.leave_one_robot(&wanted.scans);
+        let asked_for = wanted.scans.iter().chain(&wanted.odometry).map(String::as_str);
+        let other_robots = survey.leave_one_robot(&asked_for.collect::<Vec<_>>());
         let mut roles = Self::choose(survey, wanted)?;
         if let Some(other) = other_robots.first() {
             roles.notes.push(format!(
@@ -211,12 +219,17 @@ impl Roles {
             let edges = topic.children.iter().filter_map(|child| survey.transforms.odometry_of(child));
             let repeated = edges.into_iter().any(|edge| topic.frames.contains_key(&edge.parent));
             let in_a_map = is_world(topic.frame());
-            let is_tied = topic.children.iter().any(|child| {
-                child.is_empty() || sensors.iter().any(|sensor| survey.transforms.between(child, sensor).is_some())
-            });
+            let is_tied = topic
+                .children
+                .iter()
+                .filter(|child| !child.is_empty())
+                .any(|child| sensors.iter().any(|sensor| survey.transforms.between(child, sensor).is_some()));
             (!in_a_map, repeated, is_tied, name.ends_with("odom"), topic.usable(), std::cmp::Reverse(name.len()))
         };
-        Ok(candidates.max_by_key(rank).map(|(name, _)| name.clone()))
+        let best = candidates.max_by_key(rank);
+        // Rather what moves on /tf than a place in a map.
+        let moves_on_tf = || sensors.iter().any(|sensor| survey.transforms.odometry_of(sensor).is_some());
+        Ok(best.filter(|(_, topic)| !is_world(topic.frame()) || !moves_on_tf()).map(|(name, _)| name.clone()))
     }
 
     /// The topics that may hold the scans: those that were asked for, else planar ones, else clouds.
@@ -411,10 +424,13 @@ impl Roles {
                     "{topic}: by angle_increment its rays span {made_deg:.1}°, by angle_min and angle_max {stated_deg:.1}°: one of them is wrong; angle_increment is believed"
                 ));
             }
-            let only_frame = (contents.frames.len() > 1).then_some(frame);
+            // Of a frame that no transform ties to the robot nobody knows whether it is another LiDAR's or another name.
+            let place_of = |name: &str| survey.transforms.between(&self.base, name);
+            let is_elsewhere =
+                |name: &&String| **name != frame && place_of(name).is_some_and(|place| place != base_from_lidar);
+            let others: Vec<&str> = contents.frames.keys().filter(is_elsewhere).map(String::as_str).collect();
+            let only_frame = (!others.is_empty() && place_of(&frame).is_some()).then_some(frame);
             if let Some(frame) = &only_frame {
-                let others: Vec<&str> =
-                    contents.frames.keys().filter(|name| *name != frame).map(String::as_str).collect();
                 self.notes.push(format!(
                     "{topic} holds scans of several LiDARs: those in {frame} are used, those in {} are not",
                     others.join(", ")
@@ -499,11 +515,11 @@ impl Roles {
 
     fn choose_imu(&mut self, survey: &Survey) {
         let is_imu = |(_, topic): &(&String, &Topic)| topic.kind == Some(Kind::Imu) && topic.usable() > 0;
-        for (name, _) in survey.topics.iter().filter(is_imu).filter(|(_, topic)| !topic.turns) {
+        for (name, _) in survey.topics.iter().filter(is_imu).filter(|(_, topic)| topic.has_no_gyro()) {
             self.because("not used", name, "its angular velocities are 0 throughout: it holds no gyro");
         }
-        let gyros = survey.topics.iter().filter(is_imu).filter(|(_, topic)| topic.turns);
-        let Some((name, topic)) = gyros.max_by_key(|(_, topic)| topic.usable()) else { return };
+        let gyros = survey.topics.iter().filter(is_imu).filter(|(_, topic)| !topic.has_no_gyro());
+        let Some((name, topic)) = gyros.max_by_key(|(_, topic)| (topic.turns, topic.usable())) else { return };
         let pose = survey.transforms.between(&self.base, topic.frame());
         self.because(
             "IMU",
@@ -519,6 +535,15 @@ impl Roles {
 
     /// Stamps of headers, unless they do not go on as times do or are of clocks that have nothing in common.
     fn choose_clock(&mut self, survey: &Survey) {
+        // A map can be made without an IMU; for its sake nobody else's stamps are given up.
+        if let Some((name, _)) = &self.imu
+            && survey.topics.get(name).is_some_and(|topic| !topic.stamps_advance())
+            && self.lidars.iter().all(|lidar| survey.topics.get(&lidar.topic).is_some_and(Topic::stamps_advance))
+        {
+            self.notes.push(format!("the stamps of {name} do not advance: it is not used"));
+            self.reasons.retain(|reason| reason.role != "IMU");
+            self.imu = None;
+        }
         let (odometry, edge) = match &self.odometry {
             Some(Odometry::Topic(name, _) | Odometry::Wheels(name, _)) => (Some(name), None),
             Some(Odometry::Edge(edge, _)) => (None, Some(edge)),
@@ -529,7 +554,6 @@ impl Roles {
             .iter()
             .map(|lidar| &lidar.topic)
             .chain(odometry)
-            .chain(self.imu.as_ref().map(|(name, _)| name))
             .filter_map(|name| Some((name, survey.topics.get(name)?)))
             .collect();
         let stopped = topics.iter().find(|(_, topic)| !topic.stamps_advance());
@@ -642,6 +666,9 @@ pub(super) fn named<'a>(
     let found = survey.topics.iter().find(|(topic, _)| bare(topic) == bare(name));
     let why = match found {
         Some((topic, contents)) if can(contents) => return Ok(topic),
+        Some((_, contents)) if contents.kind.is_none() && Kind::of(&contents.type_name).is_some() => {
+            "it is of another robot than the rest; one at a time is mapped".to_owned()
+        }
         Some((_, contents)) => format!("it holds {}, no {what}", contents.type_name),
         None => "there is no such topic".to_owned(),
     };

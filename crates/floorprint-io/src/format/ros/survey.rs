@@ -14,6 +14,12 @@ const MOST_FRAMES: usize = 16;
 /// About so many scans of a topic, spread over the recording, tell which range its driver writes where nothing came back.
 const KEPT_SCANS: usize = 512;
 
+/// Fewer scans may all show the same wall before a robot at rest.
+const LEAST_SCANS: usize = 100;
+
+/// Of a robot at rest a gyro may say nothing for a while, seconds.
+const REST_S: f64 = 10.0;
+
 /// What a scan states of its rays contradicts itself from this share of its field of view on; drivers count one ray too many
 /// or too few.
 const CONTRADICTORY_SHARE: f64 = 0.05;
@@ -107,7 +113,7 @@ impl Survey {
         match decode(kind, message.channel, message.bytes) {
             Some(Message::Transforms(samples)) => {
                 let is_static = name.ends_with("tf_static");
-                let namespace = name.strip_suffix("tf_static").or(name.strip_suffix("tf")).unwrap_or_default();
+                let namespace = namespace_of(name);
                 if !self.by_namespace.contains_key(namespace) {
                     self.by_namespace.insert(namespace.to_owned(), Transforms::default());
                 }
@@ -125,32 +131,47 @@ impl Survey {
 }
 
 impl Survey {
-    /// Leaves the topics and transforms of one robot where several, each with a namespace and transforms of its own, call their
-    /// frames by the same names: of the one whose scans are asked for, else of the first by name. Gives the namespaces of the
-    /// others.
-    pub(super) fn leave_one_robot(&mut self, wanted_scans: &[String]) -> Vec<String> {
-        let robots: Vec<&String> = self.by_namespace.keys().filter(|name| !matches!(name.as_str(), "" | "/")).collect();
-        let mut pairs = robots.iter().enumerate().flat_map(|(index, a)| robots[..index].iter().map(move |b| (a, b)));
-        if !pairs.any(|(a, b)| self.by_namespace[*a].share_a_frame(&self.by_namespace[*b])) {
-            return Vec::new();
-        }
-        let bare = |name: &str| name.trim_start_matches('/').to_owned();
-        let is_in = |topic: &str, namespace: &str| bare(topic).starts_with(&bare(namespace));
-        let is_wanted = |robot: &&&String| wanted_scans.iter().any(|scan| is_in(scan, robot));
-        let Some(chosen) = robots.iter().find(is_wanted).or(robots.first()).map(|robot| (*robot).clone()) else {
-            return Vec::new();
+    /// Leaves the topics and transforms of one robot where several, each with a namespace and transforms of its own, say different
+    /// things of frames of the same names: of the one of which something is `wanted`, else of the first that has scans, the one
+    /// without a namespace before the others. Gives the namespaces of the others.
+    pub(super) fn leave_one_robot(&mut self, wanted: &[&str]) -> Vec<String> {
+        let contradicts = |(name, transforms): &(&String, &Transforms)| {
+            self.by_namespace.iter().any(|(other, others)| other != *name && transforms.contradicts(others))
         };
-        let others: Vec<String> = robots.into_iter().filter(|robot| **robot != chosen).cloned().collect();
-        self.transforms = Transforms::default();
-        for (_, transforms) in
-            std::mem::take(&mut self.by_namespace).into_iter().filter(|(name, _)| !others.contains(name))
-        {
-            self.transforms.extend(transforms);
+        let robots: Vec<String> = self.by_namespace.iter().filter(contradicts).map(|(name, _)| name.clone()).collect();
+        let bare = |name: &str| name.trim_start_matches('/').to_owned();
+        // The longest namespace that a topic's name begins with.
+        let robot_of = |topic: &str| {
+            let begins_so = robots.iter().filter(|robot| bare(topic).starts_with(&bare(robot)));
+            begins_so.max_by_key(|robot| robot.len())
+        };
+        let is_scan = |topic: &&Topic| {
+            matches!(topic.kind, Some(Kind::LaserScan | Kind::MultiEchoLaserScan | Kind::PointCloud2))
+                && topic.usable() > 0
+        };
+        let of_wanted = wanted.iter().find_map(|topic| robot_of(topic));
+        let with_scans = || {
+            let have_scans =
+                self.topics.iter().filter(|(_, topic)| is_scan(topic)).filter_map(|(name, _)| robot_of(name));
+            have_scans.min()
+        };
+        let Some(chosen) = of_wanted.or_else(with_scans).or(robots.first()).cloned() else { return Vec::new() };
+        let of_others: Vec<String> =
+            self.topics.keys().filter(|name| robot_of(name).is_some_and(|robot| *robot != chosen)).cloned().collect();
+        let mut by_namespace = std::mem::take(&mut self.by_namespace);
+        self.transforms = by_namespace.remove(&chosen).unwrap_or_default();
+        for (name, transforms) in by_namespace {
+            // What is said without a namespace may be said for all.
+            if bare(&name).is_empty() || !robots.contains(&name) {
+                self.transforms.add_unknown(transforms);
+            }
         }
-        for (_, topic) in self.topics.iter_mut().filter(|(name, _)| others.iter().any(|other| is_in(name, other))) {
-            topic.kind = None;
+        for name in of_others {
+            if let Some(topic) = self.topics.get_mut(&name) {
+                topic.kind = None;
+            }
         }
-        others
+        robots.into_iter().filter(|robot| *robot != chosen).collect()
     }
 }
 
@@ -220,6 +241,11 @@ impl Topic {
         }
         self.stamps_s.push(stamp_s);
         self.delay_sum_s += log_time_s - stamp_s;
+    }
+
+    /// Whether it is certain that a topic of an IMU has no gyro: for long it never says that anything turns.
+    pub(super) fn has_no_gyro(&self) -> bool {
+        !self.turns && self.log_span_s[1] - self.log_span_s[0] > REST_S
     }
 
     /// Messages that can be used.
@@ -311,6 +337,9 @@ impl Rays {
     /// The range from which on readings mean that nothing came back, metres, where the driver writes one within the range that
     /// it states, and nothing beyond.
     pub(super) fn no_return_mark_m(&self) -> Option<f32> {
+        if self.scans < LEAST_SCANS {
+            return None;
+        }
         let readings_m = || self.kept_m.iter().flatten().copied().filter(|range_m| range_m.is_finite());
         if self.beyond > 0 { None } else { no_return_mark_m(readings_m) }
     }
@@ -319,6 +348,11 @@ impl Rays {
     pub(super) fn zero_means_no_return(&self) -> bool {
         self.zeros > 0 && self.beyond == 0
     }
+}
+
+/// What is before `tf` and `tf_static` in the name of a topic of transforms.
+pub(super) fn namespace_of(topic: &str) -> &str {
+    topic.strip_suffix("tf_static").or(topic.strip_suffix("tf")).unwrap_or_default()
 }
 
 fn note(names: &mut BTreeSet<String>, name: &str) {

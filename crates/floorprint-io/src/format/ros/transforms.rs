@@ -30,13 +30,20 @@ struct Edge {
     /// How far any sample is from the one before that counts.
     deviation: f64,
     samples: usize,
-    /// By how much they were recorded after their stamps, in all, seconds.
-    delay_sum_s: f64,
+    /// By how much each was recorded after its stamp, seconds.
+    delays_s: Vec<f64>,
 }
 
 impl Edge {
     fn is_fixed(&self) -> bool {
         self.is_static || self.deviation <= AGREEMENT
+    }
+
+    /// A few stamps may be nonsense.
+    fn median_delay_s(&self) -> f64 {
+        let mut delays_s = self.delays_s.clone();
+        let middle = delays_s.len() / 2;
+        *delays_s.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 }
 
@@ -46,7 +53,7 @@ pub(super) struct MovingEdge {
     pub(super) parent: String,
     pub(super) child: String,
     pub(super) samples: usize,
-    /// By how much its samples were recorded after their stamps on the average, seconds.
+    /// By how much its samples were recorded after their stamps, the median, seconds.
     pub(super) delay_s: f64,
 }
 
@@ -68,7 +75,7 @@ impl Transforms {
                 is_static,
                 deviation: 0.0,
                 samples: 1,
-                delay_sum_s: delay_s,
+                delays_s: vec![delay_s],
             });
             return;
         };
@@ -81,19 +88,27 @@ impl Transforms {
             edge.pose = sample.pose;
         }
         edge.samples += 1;
-        edge.delay_sum_s += delay_s;
+        edge.delays_s.push(delay_s);
     }
 
-    /// Takes the edges of other trees as well.
-    pub(super) fn extend(&mut self, others: Self) {
+    /// Takes the edges of other trees for frames that have no parent here.
+    pub(super) fn add_unknown(&mut self, others: Self) {
         for (child, edges) in others.edges {
-            self.edges.entry(child).or_default().extend(edges);
+            self.edges.entry(child).or_insert(edges);
         }
     }
 
-    /// Whether a frame has a parent in both.
-    pub(super) fn share_a_frame(&self, other: &Self) -> bool {
-        self.edges.keys().any(|child| other.edges.contains_key(child))
+    /// Whether another tree says something else of where a frame is in its parent, or how it moves there.
+    pub(super) fn contradicts(&self, other: &Self) -> bool {
+        let are_different = |a: &Edge, b: &Edge| {
+            let off =
+                (a.pose.translation_m - b.pose.translation_m).amax().max((a.pose.rotation - b.pose.rotation).amax());
+            a.parent == b.parent && off.max((a.deviation - b.deviation).abs()) > AGREEMENT
+        };
+        self.edges.iter().any(|(child, edges)| {
+            let others = other.edges.get(child).into_iter().flatten();
+            others.into_iter().any(|other| edges.iter().any(|edge| are_different(edge, other)))
+        })
     }
 
     /// Whether a frame is known at all.
@@ -165,7 +180,7 @@ impl Transforms {
                 parent: best.parent.clone(),
                 child: child.to_owned(),
                 samples: best.samples,
-                delay_s: best.delay_sum_s / best.samples as f64,
+                delay_s: best.median_delay_s(),
             })
         })
     }
