@@ -12,6 +12,9 @@ use std::collections::BTreeMap;
 /// Samples of a mount agree within this, metres and entries of the rotation's matrix.
 const AGREEMENT: f64 = 1e-4;
 
+/// So many samples tell by how much an edge's clock differs.
+const MOST_DELAYS: usize = 1000;
+
 /// Frames of the world: what moves in them is a place in a map, not odometry.
 const WORLDS: [&str; 4] = ["map", "world", "earth", "utm"];
 
@@ -30,7 +33,7 @@ struct Edge {
     /// How far any sample is from the one before that counts.
     deviation: f64,
     samples: usize,
-    /// By how much each was recorded after its stamp, seconds.
+    /// By how much each of the first ones was recorded after its stamp, seconds.
     delays_s: Vec<f64>,
 }
 
@@ -53,7 +56,7 @@ pub(super) struct MovingEdge {
     pub(super) parent: String,
     pub(super) child: String,
     pub(super) samples: usize,
-    /// By how much its samples were recorded after their stamps, the median, seconds.
+    /// By how much its first samples were recorded after their stamps, the median, seconds.
     pub(super) delay_s: f64,
 }
 
@@ -88,7 +91,9 @@ impl Transforms {
             edge.pose = sample.pose;
         }
         edge.samples += 1;
-        edge.delays_s.push(delay_s);
+        if edge.delays_s.len() < MOST_DELAYS {
+            edge.delays_s.push(delay_s);
+        }
     }
 
     /// Takes the edges of other trees for frames that have no parent here.
