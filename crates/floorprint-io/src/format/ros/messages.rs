@@ -100,6 +100,11 @@ pub(super) struct Joints {
 }
 
 impl Kind {
+    /// Whether a LiDAR's messages are of this kind.
+    pub(super) fn is_scan(self) -> bool {
+        matches!(self, Self::LaserScan | Self::MultiEchoLaserScan | Self::PointCloud2)
+    }
+
     /// By the name of a type: `package/Type`, `package/msg/Type` or `foxglove.Type`.
     pub(super) fn of(type_name: &str) -> Option<Self> {
         let (package, name) = type_name.rsplit_once(['/', '.'])?;

@@ -209,12 +209,8 @@ impl Roles {
             .filter(|(name, topic)| can(topic) && !is_called_truth(name) && self.truth.as_ref() != Some(*name));
         // The one that the tree of frames repeats is what the robot itself goes by. A place in a map is what others have made of
         // the drive, and of a frame to which no sensor is tied nobody knows where it sits on the robot.
-        let sensors: Vec<&str> = survey
-            .topics
-            .values()
-            .filter(|topic| matches!(topic.kind, Some(Kind::LaserScan | Kind::MultiEchoLaserScan | Kind::PointCloud2)))
-            .map(Topic::frame)
-            .collect();
+        let sensors: Vec<&str> =
+            survey.topics.values().filter(|topic| topic.kind.is_some_and(Kind::is_scan)).map(Topic::frame).collect();
         let rank = |(name, topic): &(&String, &Topic)| {
             let edges = topic.children.iter().filter_map(|child| survey.transforms.odometry_of(child));
             let repeated = edges.into_iter().any(|edge| topic.frames.contains_key(&edge.parent));

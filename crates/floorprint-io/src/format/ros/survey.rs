@@ -145,15 +145,10 @@ impl Survey {
             let begins_so = robots.iter().filter(|robot| bare(topic).starts_with(&bare(robot)));
             begins_so.max_by_key(|robot| robot.len())
         };
-        let is_scan = |topic: &&Topic| {
-            matches!(topic.kind, Some(Kind::LaserScan | Kind::MultiEchoLaserScan | Kind::PointCloud2))
-                && topic.usable() > 0
-        };
         let of_wanted = wanted.iter().find_map(|topic| robot_of(topic));
         let with_scans = || {
-            let have_scans =
-                self.topics.iter().filter(|(_, topic)| is_scan(topic)).filter_map(|(name, _)| robot_of(name));
-            have_scans.min()
+            let has_scans = |topic: &Topic| topic.kind.is_some_and(Kind::is_scan) && topic.usable() > 0;
+            self.topics.iter().filter(|(_, topic)| has_scans(topic)).filter_map(|(name, _)| robot_of(name)).min()
         };
         let Some(chosen) = of_wanted.or_else(with_scans).or(robots.first()).cloned() else { return Vec::new() };
         let of_others: Vec<String> =
@@ -273,10 +268,9 @@ impl Topic {
         steps == 0 || 3 * advances > steps
     }
 
-    /// The frame of most of its messages.
+    /// The frame of most of its messages; of several the first by name.
     pub(super) fn frame(&self) -> &str {
-        let by_messages = |(name, messages): &(&String, &usize)| (**messages, std::cmp::Reverse((*name).clone()));
-        self.frames.iter().max_by_key(by_messages).map_or("", |(name, _)| name)
+        self.frames.iter().rev().max_by_key(|(_, messages)| **messages).map_or("", |(name, _)| name)
     }
 
     /// From the first ray of a scan to the last, seconds, where the messages state what can be: no sweep takes
