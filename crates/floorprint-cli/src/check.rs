@@ -119,7 +119,10 @@ fn check_all(
         }
         let error = outcome.err().map(|error| format!("{error:#}"));
         if !arguments.json {
-            print(&findings, &drive.arguments(), true, out)?;
+            match &error {
+                Some(_) if findings.is_empty() => writeln!(out, "{HEADING}{}{HEADING:#}", drive.arguments())?,
+                _ => print(&findings, &drive.arguments(), true, out)?,
+            }
             if let Some(error) = &error {
                 writeln!(out, "{HEADING}error{HEADING:#}: {error}")?;
             }

@@ -11,7 +11,7 @@ use anyhow::{anyhow, ensure};
 use floorprint::back_end::{ClosureReport, Kidnapping, Uncertainty};
 use floorprint::geometry::Pose2;
 use floorprint::map::OccupancyGrid;
-use floorprint::odometry::{DeadReckoning, OdometryError, SynchronisationSummary, Trajectory};
+use floorprint::odometry::{DeadReckoning, OdometryError, OdometrySource, SynchronisationSummary, Trajectory};
 use floorprint::pose_graph::PoseGraph;
 use floorprint::sensors::StampedPose;
 use floorprint::session::Session;
@@ -78,6 +78,12 @@ impl Solution {
     #[must_use]
     pub fn is_dead_reckoning(&self) -> bool {
         self.summary.scans == 0
+    }
+
+    /// Whether there is dead reckoning to compare with: neither is the trajectory that, nor does nothing tell the motion.
+    #[must_use]
+    pub fn has_odometry(&self) -> bool {
+        !self.is_dead_reckoning() && self.summary.source != OdometrySource::ScanMatching
     }
 }
 

@@ -22,7 +22,13 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
     let width = width().unwrap_or(usize::MAX);
     let mut line =
         |name: &str, text: String| writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", wrapped(&text, NAME, width));
-    let poses = if report.map.is_some() {
+    let poses = if drive.poses > drive.scans && report.map.is_some() {
+        format!(
+            "{}, that of the session included, of it {}",
+            counted(drive.poses, "pose"),
+            counted(drive.scans, "scan")
+        )
+    } else if report.map.is_some() {
         format!("{} of {}", drive.poses, counted(drive.scans, "scan"))
     } else {
         format!("{} by dead reckoning", counted(drive.poses, "pose"))

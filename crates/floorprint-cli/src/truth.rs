@@ -95,7 +95,7 @@ impl TruthFiles {
             let truth = read_trajectory(path)?;
             let options = TrajectoryErrorOptions::default();
             errors.trajectory = noted(TrajectoryError::new(&solution.trajectory, &truth, &options), notes);
-            if !solution.is_dead_reckoning() {
+            if solution.has_odometry() {
                 errors.odometry = noted(TrajectoryError::new(&solution.odometry, &truth, &options), notes);
             }
             errors.true_trajectory = truth;
@@ -105,7 +105,8 @@ impl TruthFiles {
         if let Some(path) = &self.relations {
             let relations = read_relations(path)?;
             errors.relations = noted(RelationReport::new(&solution.trajectory, &relations), notes);
-            errors.odometry_relations = RelationReport::new(&solution.odometry, &relations).ok();
+            let odometry = solution.has_odometry().then(|| RelationReport::new(&solution.odometry, &relations).ok());
+            errors.odometry_relations = odometry.flatten();
         }
         let true_map = self.map.as_deref().map(read_map).transpose()?;
         if let Some(truth) = true_map.as_ref().filter(|_| !solution.is_dead_reckoning()) {
@@ -131,7 +132,7 @@ fn compare_with_recorded(truth: &RecordedTruth, solution: &Solution, errors: &mu
         let error = noted(TrajectoryError::new(estimate, &aligned, &options), notes)?;
         Some((error, aligned, alignment))
     };
-    let odometry = compare(&solution.odometry);
+    let odometry = solution.has_odometry().then(|| compare(&solution.odometry)).flatten();
     let Some((error, aligned, alignment)) = compare(&solution.trajectory) else { return };
     let place = alignment.body_from_measured;
     let measured = if alignment.place_is_known {

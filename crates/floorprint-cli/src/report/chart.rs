@@ -50,6 +50,10 @@ impl Chart<'_> {
             return None;
         };
         let marked = from.is_some();
+        // One point in time is no course of things.
+        if !marked && end <= start {
+            return None;
+        }
         let start = from.unwrap_or(start);
         let times = Axis::new(0.0, (end - start).max(1e-9));
         let low = low.min(0.0);

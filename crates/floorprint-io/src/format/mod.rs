@@ -72,6 +72,7 @@ pub(crate) fn recognise(source: &Source) -> Result<&'static Format, ReadError> {
         let problem = match source {
             Source::File(file) => file.unknown(),
             Source::Folder(folder) => match drives(source).as_slice() {
+                [] if folder.names.is_empty() => Problem::new(&folder.path, "the folder is empty"),
                 [] => Problem::new(&folder.path, "its content is of no known format"),
                 [first, ..] => {
                     let found = "a folder of recordings, not a recording";

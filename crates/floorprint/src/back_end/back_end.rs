@@ -6,6 +6,7 @@
 //! robot; what is left is done at the end.
 
 use super::LoopClosureConfig;
+use super::continuity::discontinuity;
 use super::hypothesis::Hypothesis;
 use super::place_graph::{Job, PlaceGraph};
 use super::uncertainty::Uncertainty;
@@ -74,7 +75,12 @@ impl BackEnd {
             return true;
         };
         let pair = [older, job.newer];
-        let comparison = self.views.compare(&places.submaps, pair, expected, uncertainty, &self.config, &self.matcher);
+        let Self { views, config, matcher, .. } = self;
+        let mut comparison = views.compare(&places.submaps, pair, expected, uncertainty, config, matcher);
+        if older + 1 == job.newer && places.submaps[job.newer].interruption.is_some() {
+            let previous_from_submap = comparison.placements[0].older_from_newer;
+            comparison.discontinuity = discontinuity(job.newer, &previous_from_submap, &places.submaps, views, matcher);
+        }
         places.comparisons.push(comparison);
         places.job = Some(job);
         true

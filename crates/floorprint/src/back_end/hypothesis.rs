@@ -122,9 +122,6 @@ pub(super) struct Attached {
 /// Standard deviations of the motion of a robot that was carried, metres and radians.
 const KIDNAPPED_SIGMA_M: f64 = 30.0;
 const KIDNAPPED_SIGMA_RAD: f64 = 3.0;
-/// Probability that a robot was carried that is suspected to have been: few ever are, so that most suspicions are wrong. Where
-/// one drive in thirty has it carried, of those that are a third are suspected, of those that are not one in twenty-five.
-const CARRIED_OF_SUSPECTED: f64 = 0.2;
 
 /// The chain's factors cost no more than those this many standard deviations long: the front end is
 /// nearly always much better than that, and now and then much worse.
@@ -299,12 +296,6 @@ pub(super) fn closure_factor(
         kernel: RobustKernel::DynamicCovarianceScaling { phi: CLOSURE_PHI },
         weight: 1.0,
     })
-}
-
-/// Covariance of the motion of a robot that may have been carried: it was with that probability, else its motion is known (law
-/// of total variance).
-pub(super) fn suspected_covariance() -> Matrix3<f64> {
-    CARRIED_OF_SUSPECTED * kidnapped_covariance()
 }
 
 /// Covariance of the motion of a robot that was carried, nobody knows where to.

@@ -5,6 +5,7 @@ mod association;
 mod back_end;
 mod config;
 mod conflict;
+mod continuity;
 mod evidence;
 mod hypothesis;
 mod look;

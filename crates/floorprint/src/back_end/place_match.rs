@@ -30,6 +30,10 @@ pub struct Comparison {
     pub uncertainty: Uncertainty,
     /// Where it may lie, the best fit first; at least one.
     pub placements: Vec<Placement>,
+    /// Of a submap after an interruption, compared with the one right before it: by how many standard deviations it looks less
+    /// like it, at the best placement, than is ordinary for the drive. `None` of others, and where nothing is known to be ordinary.
+    #[serde(default)]
+    pub discontinuity: Option<f64>,
 }
 
 /// Where a newer submap may lie on an older one.

@@ -99,11 +99,15 @@ impl SubmapBuilder {
     ///
     /// `poses_since(frame)` are the front end's poses from that frame on, as they are now: which
     /// particle is the best may have changed since the key scans were taken.
-    pub fn add(&mut self, key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> Option<Submap> {
+    pub fn add(&mut self, mut key_scan: KeyScan, poses_since: impl FnOnce(usize) -> Vec<Pose2>) -> Option<Submap> {
         let step_m = self.open.last().map_or(0.0, |last| last.pose.between(&key_scan.pose).distance());
         self.path_m += step_m;
         self.covariance += key_scan.covariance;
         self.drift.add(&key_scan.drift);
+        // One suspicion after the other is one: what has been seen since the first is too little to decide it by.
+        if self.interruption().is_some() {
+            key_scan.interruption = key_scan.interruption.filter(|at| !at.is_suspicion);
+        }
         let ends = key_scan.interruption.is_some() || self.path_m - self.start_m > self.length_m;
         if self.open.is_empty() || !ends {
             self.open.push(key_scan);

@@ -11,7 +11,7 @@ use super::hypothesis::{
     AGREEMENT_M, AGREEMENT_RAD, Break, CONFLICT, Constraint, Found, Hypothesis, Kidnapping, Outcome, closure_factor,
     kidnapped_covariance,
 };
-use super::place_match::{Comparison, Placement};
+use super::place_match::Comparison;
 use super::submap::Submap;
 use crate::geometry::Pose2;
 use crate::geometry::covariance::{inverse, symmetric};
@@ -38,7 +38,11 @@ const BEND: f64 = 0.02;
 const PRIOR_OF_STAYING: f64 = 4.0;
 const STAYING_M: f64 = 1.0;
 const STAYING_RAD: f64 = 0.2;
-/// It was carried, if less than this of what the submaps before and after have in view looks the same.
+/// What the submaps before and after have in view is ordinarily less alike than on average by up to so many standard deviations;
+/// by more than so many it is another place. In between the robot may have stayed.
+const ORDINARY: f64 = 1.5;
+const EXTRAORDINARY: f64 = 3.0;
+/// Where nothing is known to be ordinary it was carried, if less than this of it looks the same.
 const STAYING_QUALITY: f64 = 0.85;
 /// It was not, if after so many submaps nothing speaks for another place.
 const SUBMAPS_UNTIL_STAYING: usize = 4;
@@ -338,32 +342,25 @@ impl Hypothesis {
     fn judge_breaks(&mut self, comparisons: &[Comparison]) {
         for at in 0..self.breaks.len() {
             let undecided = &mut self.breaks[at];
-            match undecided.outcome {
-                // What does not look the same is not the same place; what does may be.
-                Outcome::Open => {
-                    let across = undecided.across(comparisons);
-                    let is_certain = across.map(|placement| !looks_the_same(placement));
-                    undecided.interruption.is_certain = is_certain.unwrap_or(undecided.interruption.is_certain);
+            match (undecided.outcome, undecided.across(comparisons)) {
+                (Outcome::Open, Some(across)) if !undecided.interruption.is_suspicion => {
+                    let is_elsewhere = is_elsewhere(across);
+                    undecided.interruption.is_certain = is_elsewhere.unwrap_or(undecided.interruption.is_certain);
                 }
-                // Of a suspicion nothing remains where it does, or where it fits there and not a little farther on.
-                Outcome::Suspected => {
-                    let is_there = |placement: &Placement| placement.fits() && placement.is_conclusive();
-                    let across = undecided.across(comparisons);
-                    if across.is_none_or(|placement| looks_the_same(placement) || is_there(placement)) {
-                        undecided.outcome = Outcome::Stayed;
-                    } else {
-                        self.carry(at);
-                    }
+                (Outcome::Suspected, Some(across)) if discontinuity(across) > ORDINARY => {
+                    undecided.interruption.is_certain = discontinuity(across) > EXTRAORDINARY;
+                    self.carry(at);
                 }
-                Outcome::Stayed | Outcome::Found(_) => {}
+                (Outcome::Suspected, _) => undecided.outcome = Outcome::Stayed,
+                (Outcome::Open | Outcome::Stayed | Outcome::Found(_), _) => {}
             }
         }
     }
 
-    /// The robot that was suspected to have been carried was: what the front end says of its motion counts no more.
+    /// The robot that was suspected to have been carried may have been: what the front end says of its motion counts no more.
     fn carry(&mut self, at: usize) {
         let carried = &mut self.breaks[at];
-        (carried.outcome, carried.interruption.is_certain) = (Outcome::Open, true);
+        carried.outcome = Outcome::Open;
         let Break { submap, information, .. } = *carried;
         let covariance = inverse(&information) + kidnapped_covariance();
         if let Some(link) = self.link_to(submap) {
@@ -386,13 +383,27 @@ impl Break {
         matches!(self.outcome, Outcome::Open | Outcome::Found(_))
     }
 
-    /// How the submaps right before and after it lie to each other, where they were compared and had the same things in view.
-    fn across<'a>(&self, comparisons: &'a [Comparison]) -> Option<&'a Placement> {
-        let across = comparisons.iter().find(|c| c.newer == self.submap && c.older + 1 == self.submap)?;
-        Some(&across.placements[0]).filter(|placement| placement.verdict != Verdict::TooLittleInCommon)
+    /// The comparison of the submaps right before and after it, where there is one.
+    fn across<'a>(&self, comparisons: &'a [Comparison]) -> Option<&'a Comparison> {
+        comparisons.iter().find(|c| c.newer == self.submap && c.older + 1 == self.submap)
     }
 }
 
-fn looks_the_same(placement: &Placement) -> bool {
-    placement.fits() && placement.quality() >= STAYING_QUALITY
+/// By how many standard deviations the submaps right before and after an interruption look less alike than is ordinary: by
+/// infinitely many or by none where nothing is known to be.
+fn discontinuity(across: &Comparison) -> f64 {
+    let looks_the_same = across.placements[0].quality() >= STAYING_QUALITY;
+    across.discontinuity.unwrap_or(if looks_the_same { 0.0 } else { f64::INFINITY })
+}
+
+/// Whether they certainly show different places; `None` where they do not tell.
+fn is_elsewhere(across: &Comparison) -> Option<bool> {
+    let placement = &across.placements[0];
+    let is_extraordinary = across.discontinuity.map(|sigmas| sigmas > EXTRAORDINARY);
+    if placement.verdict == Verdict::TooLittleInCommon {
+        return is_extraordinary;
+    }
+    // What does not look the same is not the same place; what does may be.
+    let looks_the_same = placement.fits() && placement.quality() >= STAYING_QUALITY;
+    Some(!looks_the_same || is_extraordinary == Some(true))
 }

@@ -66,6 +66,8 @@ const MAX_BLOCKS: usize = 200_000;
 /// Two fits closer than this are the same, metres and radians.
 const SAME_FIT_M: f64 = 0.15;
 const SAME_FIT_RAD: f64 = 0.05;
+/// Less than this share in view of each other says nothing of whether two submaps look alike.
+const LEAST_IN_COMMON: f64 = 0.1;
 
 impl ViewCache {
     /// What a submap looks like.
@@ -112,16 +114,21 @@ impl ViewCache {
         }
         // What a neighbour had in view counts no more once it is forgotten what it saw there.
         parts.retain(|(part, _)| *part == index || !submaps[*part].is_forgotten());
+        let mut view = self.view_of(&parts, submaps, cell_m);
+        (view.used, view.is_of_newest) = (self.clock, index + 1 == submaps.len());
+        self.views.insert(index, view);
+    }
+
+    /// The view of some submaps, given how they lie in its frame.
+    fn view_of(&mut self, parts: &[(usize, Pose2)], submaps: &[Arc<Submap>], cell_m: f64) -> View {
         let mut map = SurfaceMap::new(cell_m);
-        let parts: Vec<ViewPart> = parts
-            .into_iter()
-            .map(|(submap, view_from_part)| ViewPart { submap, view_from_part, look: self.look(submap, submaps) })
-            .collect();
-        for part in &parts {
-            map.add_scan(&part.view_from_part, &part.look.surfaces);
-        }
-        let is_of_newest = index + 1 == submaps.len();
-        self.views.insert(index, View { map, parts, search: None, used: self.clock, is_of_newest });
+        let part = |&(submap, view_from_part): &(usize, Pose2)| {
+            let look = self.look(submap, submaps);
+            map.add_scan(&view_from_part, &look.surfaces);
+            ViewPart { submap, view_from_part, look }
+        };
+        let parts = parts.iter().map(part).collect();
+        View { map, parts, search: None, used: 0, is_of_newest: false }
     }
 
     /// Looks for the newer submap on the older one around where it is expected.
@@ -151,7 +158,29 @@ impl ViewCache {
             }
         }
         placements.sort_by(|a, b| b.fits().cmp(&a.fits()).then(b.quality().total_cmp(&a.quality())));
-        Comparison { older, newer, expected, uncertainty, placements }
+        Comparison { older, newer, expected, uncertainty, placements, discontinuity: None }
+    }
+
+    /// Of what a submap and one or two before it had in view of each other, the share that looks the same, where the newer one
+    /// lies as `older_from_newer` says on the older one, and that as its link says on the one before it; `None` where they have
+    /// little of it in common.
+    pub fn likeness(
+        &mut self,
+        submaps: &[Arc<Submap>],
+        [older, newer]: [usize; 2],
+        older_from_newer: &Pose2,
+        matcher: &MatcherConfig,
+    ) -> Option<f64> {
+        let mut before = vec![(older, Pose2::IDENTITY)];
+        let link = submaps[older].link.filter(|_| submaps[older].interruption.is_none());
+        before.extend(link.map(|link| (older - 1, link.previous_from_submap.inverse())));
+        before.retain(|&(submap, _)| !submaps[submap].is_forgotten());
+        let views = [before, vec![(newer, Pose2::IDENTITY)]].map(|parts| self.view_of(&parts, submaps, matcher.cell_m));
+        let probes = [older, newer].map(|index| self.look(index, submaps));
+        let (overlap_share, share) = views[0].agreement(&probes[1].probe, older_from_newer, submaps, matcher);
+        let (overlap_share_back, share_back) =
+            views[1].agreement(&probes[0].probe, &older_from_newer.inverse(), submaps, matcher);
+        (overlap_share.min(overlap_share_back) > LEAST_IN_COMMON).then_some(0.5 * (share + share_back))
     }
 
     /// Share of the newer submap's points that lie on none of the older ones, where `places` say: older submap, older

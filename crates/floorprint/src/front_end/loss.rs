@@ -4,6 +4,7 @@
 //! on the old map that is, is for the back end to find out.
 
 use super::local_map::LocalMap;
+use crate::geometry::Pose2;
 use crate::scan_matcher::{MatchResult, MatcherConfig, inlier_share, outliers};
 use crate::surface::{SurfaceMap, SurfaceScan};
 use serde::{Deserialize, Serialize};
@@ -43,20 +44,33 @@ const LEAST_GONE_SHARE: f64 = 0.1;
 const LOOKED_THROUGH_SHARE_ONE_WAY: f64 = 0.5;
 /// A map of fewer scans than this says little about what is to be seen: a robot that has just begun sees new things.
 const MATURE_SCANS: usize = 6;
-/// Where the odometry was contradicted by one of so many scans before, that is ordinary, too: wheels slip.
+/// A scan that fits worse than is ordinary, and not where the odometry has the robot, is suspicious by itself; but where the
+/// odometry was contradicted by one of so many scans before, that is ordinary, too: wheels slip.
 const CALM_SCANS: usize = 20;
+/// So are several in a row, whatever the odometry says. To them a scan belongs of which this many standard deviations less lies
+/// on the map than is ordinary, if of what the last scan showed so much is gone, and as much less lies on the map of what that
+/// had had in view …
+const SUSPICIOUS: f64 = 3.0;
+/// … or if together with the last scan it looked through more than this share of what both had in view, beyond half of what is
+/// ordinarily missed.
+const SUSPICIOUSLY_LOOKED_THROUGH_SHARE: f64 = 0.08;
+/// Of how many of its points chance decides alike: they lie on one thing, which is there or is not.
+const POINTS_OF_ONE_THING: f64 = 5.0;
+/// Of fewer points nothing can be told.
+const LEAST_SUSPICIOUS_POINTS: usize = 12;
 
 /// What a scan says about where the robot is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Sighting {
     /// Nothing speaks against where it was matched; so many scans before it had not fitted.
     Fits { misfits_before: usize },
-    /// So it is, but it or one of those before it fitted worse than is ordinary for the drive, and not where the odometry has
-    /// the robot: either may happen, both together do when the robot was carried to where things look alike.
+    /// Not enough speaks against it to contradict the map, but it or the so many before it fit worse than is ordinary for the
+    /// drive, and not where the odometry has the robot, or several in a row show other things than were to be seen: that
+    /// happens when the robot was carried to where much looks alike.
     Suspicious { misfits_before: usize },
-    /// It contradicts the map.
+    /// It contradicts the map, or shows other things.
     Misfits,
-    /// So did too many scans in a row. `scans` of them, this one included; `is_certain` where nothing fitted any more.
+    /// Too many scans in a row contradict it: `scans` of them, this one included; `is_certain` where nothing fitted any more.
     Lost { scans: usize, is_certain: bool },
 }
 
@@ -67,7 +81,10 @@ pub(super) struct LossDetector {
     misfits: usize,
     /// Whether each of them contradicts it beyond doubt.
     is_certain: bool,
-    /// Whether one of them, or the newest scan, is suspicious.
+    /// … and whether each contradicts it at all, and does not only show other things.
+    #[serde(default)]
+    is_contradiction: bool,
+    /// Whether one of them, or the newest scan, is suspicious by itself.
     #[serde(default)]
     is_suspicious: bool,
     /// How many scans there were since the last one that contradicted the odometry.
@@ -75,11 +92,38 @@ pub(super) struct LossDetector {
     calm_scans: usize,
     /// Share of the last scan that fitted which lay on the map.
     usual_inlier_share: f64,
-    /// Mean and variance of that share over the drive.
     #[serde(default)]
-    mean_share: f64,
-    #[serde(default)]
+    ordinary: OrdinaryShare,
+}
+
+/// Which share of a scan ordinarily lies on the map: mean and variance over the drive, to which what is extraordinary counts as
+/// at the limit of what is ordinary (a Winsorised mean), so that a few scans at a place where nothing fits do not make it
+/// ordinary that nothing fits.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+struct OrdinaryShare {
+    mean: f64,
     variance: f64,
+}
+
+impl OrdinaryShare {
+    fn learn(&mut self, share: f64) {
+        if self.mean == 0.0 {
+            self.mean = share;
+            return;
+        }
+        let most = SUSPICIOUS * self.variance.sqrt().max(LEAST_SIGMA);
+        let off = (share - self.mean).clamp(-most, most);
+        self.mean += NEWEST * off;
+        self.variance += NEWEST * (off * off - self.variance);
+    }
+
+    /// Whether the share is smaller than is ordinary, even if chance had decided of so many points.
+    fn is_far_above(&self, share: f64, points: usize) -> bool {
+        let likely = self.mean.clamp(0.1, 0.9);
+        let by_chance = likely * (1.0 - likely) / (points as f64 / POINTS_OF_ONE_THING).max(1.0);
+        let sigma = (self.variance.max(LEAST_SIGMA * LEAST_SIGMA) + by_chance).sqrt();
+        points >= LEAST_SUSPICIOUS_POINTS && self.mean - share > SUSPICIOUS * sigma
+    }
 }
 
 impl LossDetector {
@@ -94,12 +138,16 @@ impl LossDetector {
     ) -> Sighting {
         let fit = fit.filter(|_| scan.len() >= least_points(matcher) && map.scans() >= MATURE_SCANS);
         let is_contradicted = fit.map_or(Some(false), |fit| self.is_contradicted_by(scan, fit, map, matcher));
-        let is_suspicious = |fit| contradicts_odometry && self.is_extraordinary(scan, fit, map, matcher);
-        self.is_suspicious |= self.calm_scans >= CALM_SCANS && fit.is_some_and(is_suspicious);
-        fit.iter().for_each(|fit| self.learn(fit.inlier_share));
+        let is_elsewhere = contradicts_odometry && self.calm_scans >= CALM_SCANS;
         self.calm_scans = if contradicts_odometry { 0 } else { self.calm_scans.saturating_add(1) };
+        let is_suspicious = fit.is_some_and(|fit| is_elsewhere && self.is_extraordinary(scan, fit, map, matcher));
+        self.is_suspicious |= is_suspicious;
+        let shows_other_things =
+            !is_suspicious && fit.is_some_and(|fit| self.shows_other_things(scan, fit, map, matcher));
+        fit.iter().for_each(|fit| self.ordinary.learn(fit.inlier_share));
         // Scans of which nothing can be told leave it at what those before said.
-        let Some(fit) = fit.filter(|_| is_contradicted.unwrap_or(self.misfits > 0)) else {
+        let is_misfit = is_contradicted.unwrap_or(self.misfits > 0 && self.is_contradiction);
+        let Some(fit) = fit.filter(|_| is_misfit || shows_other_things) else {
             let misfits_before = std::mem::take(&mut self.misfits);
             if std::mem::take(&mut self.is_suspicious) {
                 self.usual_inlier_share = 0.0;
@@ -108,34 +156,60 @@ impl LossDetector {
             self.usual_inlier_share = fit.map_or(0.0, |fit| fit.inlier_share);
             return Sighting::Fits { misfits_before };
         };
-        let is_certain = is_contradicted.is_some() && fit.inlier_share < LOST_INLIER_SHARE;
-        self.is_certain = is_certain && (self.misfits == 0 || self.is_certain);
+        let (is_first, is_certain) =
+            (self.misfits == 0, is_contradicted.is_some() && fit.inlier_share < LOST_INLIER_SHARE);
+        self.is_certain = is_certain && (is_first || self.is_certain);
+        self.is_contradiction = is_misfit && (is_first || self.is_contradiction);
         self.misfits += 1;
         if self.misfits < MISFITS_BEFORE_LOSS {
             return Sighting::Misfits;
         }
         (self.usual_inlier_share, self.is_suspicious) = (0.0, false);
-        Sighting::Lost { scans: std::mem::take(&mut self.misfits), is_certain: self.is_certain }
-    }
-
-    /// Learns what is ordinary for the drive from a scan of which so much lay on the map.
-    fn learn(&mut self, inlier_share: f64) {
-        let off = inlier_share - self.mean_share;
-        let is_first = self.mean_share == 0.0;
-        self.mean_share += if is_first { off } else { NEWEST * off };
-        self.variance += if is_first { 0.0 } else { NEWEST * (off * off - self.variance) };
+        let scans = std::mem::take(&mut self.misfits);
+        if self.is_contradiction {
+            Sighting::Lost { scans, is_certain: self.is_certain }
+        } else {
+            Sighting::Suspicious { misfits_before: scans - 1 }
+        }
     }
 
     /// Whether less of a scan lies on the map than is ordinary for the drive, and less of what the map had had in view, too:
     /// what is new is no reason for doubt.
     fn is_extraordinary(&self, scan: &SurfaceScan, fit: &MatchResult, map: &LocalMap, matcher: &MatcherConfig) -> bool {
-        let least = self.mean_share - EXTRAORDINARY * self.variance.sqrt().max(LEAST_SIGMA);
+        let OrdinaryShare { mean, variance } = self.ordinary;
+        let least = mean - EXTRAORDINARY * variance.sqrt().max(LEAST_SIGMA);
         if fit.inlier_share >= least {
             return false;
         }
         let pose = &fit.belief.pose;
         let known = map.had_in_view(pose, scan);
         known.len() >= 2 * least_points(matcher) && inlier_share(map.surfaces(), &known, pose, matcher) < least
+    }
+
+    /// Whether less of a scan lies on the map than is ordinary for the drive, and not because it shows what had not been in view,
+    /// nor because something was added to what had been.
+    fn shows_other_things(
+        &self,
+        scan: &SurfaceScan,
+        fit: &MatchResult,
+        map: &LocalMap,
+        matcher: &MatcherConfig,
+    ) -> bool {
+        let MatchResult { belief, inlier_share: share, .. } = fit;
+        let last = map.last().filter(|_| self.ordinary.is_far_above(*share, scan.len()));
+        let Some((last_pose, last)) = last else { return false };
+        let both = Overlap::of([scan, last], [&belief.pose, last_pose], map, matcher);
+        // Who comes along adds to what was there, at first.
+        let is_replaced = self.misfits > 0 || both.is_something_gone() || both.is_mostly_seen_through();
+        if both.points() < 2 * LEAST_SUSPICIOUS_POINTS || !is_replaced {
+            return false;
+        }
+        let ordinary = ORDINARILY_LOOKED_THROUGH * (1.0 - self.ordinary.mean);
+        if both.share(both.looked_through()) > SUSPICIOUSLY_LOOKED_THROUGH_SHARE + ordinary {
+            return true;
+        }
+        let known = map.had_in_view(&belief.pose, scan);
+        self.ordinary.is_far_above(inlier_share(map.surfaces(), &known, &belief.pose, matcher), known.len())
     }
 
     /// The robot may be anywhere: of what went before nothing counts.
@@ -155,29 +229,81 @@ impl LossDetector {
         map: &LocalMap,
         matcher: &MatcherConfig,
     ) -> Option<bool> {
-        let ordinary = self.mean_share - EXTRAORDINARY * self.variance.sqrt();
+        let ordinary = self.ordinary.mean - EXTRAORDINARY * self.ordinary.variance.sqrt();
         let is_usual = fit.inlier_share >= LOST_INLIER_SHARE.max(self.usual_inlier_share - SUDDEN_LOSS).min(ordinary);
         let Some((last_pose, last)) = map.last().filter(|_| !is_usual) else { return Some(false) };
         let pose = &fit.belief.pose;
-        let here = scan.in_view_of(pose, last, last_pose);
-        let there = last.in_view_of(last_pose, scan, pose);
-        if here.len() + there.len() < 2 * least_points(matcher) {
+        let both = Overlap::of([scan, last], [pose, last_pose], map, matcher);
+        if both.points() < 2 * least_points(matcher) {
             return None;
         }
-        let new = outliers(map.surfaces(), &here, pose, matcher);
-        let seen_through = new.looked_through_by(pose, last, last_pose, BEHIND_M).len();
-        if there.len() < least_points(matcher) {
-            return Some(seen_through as f64 > LOOKED_THROUGH_SHARE_ONE_WAY * here.len() as f64);
+        if both.there < least_points(matcher) {
+            return Some(both.is_mostly_seen_through());
         }
+        let ordinary = 1.0 - self.ordinary.mean;
+        let is_much = both.share(both.new + both.gone) > MISSING_SHARE + ORDINARILY_MISSED * ordinary
+            || both.share(both.looked_through()) > LOOKED_THROUGH_SHARE + ORDINARILY_LOOKED_THROUGH * ordinary;
+        Some(is_much && both.is_something_gone())
+    }
+}
+
+/// What a scan and the last one in the map show of what both had in view: numbers of points.
+struct Overlap {
+    /// Points of the scan that the last one had in view …
+    here: usize,
+    /// … of these those that lie on nothing known …
+    new: usize,
+    /// … and of these those that the last one looked through.
+    seen_through: usize,
+    /// Points of the last scan that the scan had in view …
+    there: usize,
+    /// … of these those that the scan does not show …
+    gone: usize,
+    /// … and of these those that it looked through.
+    gone_through: usize,
+}
+
+impl Overlap {
+    fn of(
+        [scan, last]: [&SurfaceScan; 2],
+        [pose, last_pose]: [&Pose2; 2],
+        map: &LocalMap,
+        matcher: &MatcherConfig,
+    ) -> Self {
+        let here = scan.in_view_of(pose, last, last_pose);
+        let there = last.in_view_of(last_pose, scan, pose);
+        let new = outliers(map.surfaces(), &here, pose, matcher);
         let mut of_scan = SurfaceMap::new(matcher.cell_m);
         of_scan.add_scan(pose, scan);
         let gone = outliers(&of_scan, &there, last_pose, matcher);
-        let looked_through = seen_through + gone.looked_through_by(last_pose, scan, pose, BEHIND_M).len();
-        let share = |points: usize| points as f64 / (here.len() + there.len()) as f64;
-        let ordinary = 1.0 - self.mean_share;
-        let is_much = share(new.len() + gone.len()) > MISSING_SHARE + ORDINARILY_MISSED * ordinary
-            || share(looked_through) > LOOKED_THROUGH_SHARE + ORDINARILY_LOOKED_THROUGH * ordinary;
-        Some(is_much && gone.len() as f64 > LEAST_GONE_SHARE * there.len() as f64)
+        Self {
+            here: here.len(),
+            new: new.len(),
+            seen_through: new.looked_through_by(pose, last, last_pose, BEHIND_M).len(),
+            there: there.len(),
+            gone: gone.len(),
+            gone_through: gone.looked_through_by(last_pose, scan, pose, BEHIND_M).len(),
+        }
+    }
+
+    fn is_mostly_seen_through(&self) -> bool {
+        self.seen_through as f64 > LOOKED_THROUGH_SHARE_ONE_WAY * self.here as f64
+    }
+
+    fn is_something_gone(&self) -> bool {
+        self.gone as f64 > LEAST_GONE_SHARE * self.there as f64
+    }
+
+    fn points(&self) -> usize {
+        self.here + self.there
+    }
+
+    fn looked_through(&self) -> usize {
+        self.seen_through + self.gone_through
+    }
+
+    fn share(&self, points: usize) -> f64 {
+        points as f64 / self.points() as f64
     }
 }
 
@@ -212,10 +338,10 @@ mod tests {
         map
     }
 
-    /// A drive of which so much of scans ordinarily lies on the map, and nothing was suspicious for long.
+    /// A drive of which so much of scans ordinarily lies on the map.
     fn drive(ordinary_share: f64) -> LossDetector {
-        let (mean_share, calm_scans) = (ordinary_share, CALM_SCANS);
-        LossDetector { usual_inlier_share: 1.0, mean_share, calm_scans, ..LossDetector::default() }
+        let ordinary = OrdinaryShare { mean: ordinary_share, variance: 0.0 };
+        LossDetector { usual_inlier_share: 1.0, ordinary, calm_scans: CALM_SCANS, ..LossDetector::default() }
     }
 
     impl LossDetector {
@@ -258,10 +384,10 @@ mod tests {
         };
         let fits = Sighting::Fits { misfits_before: 0 };
         assert_eq!(sighting(drive(0.9), 0.2, true), Sighting::Suspicious { misfits_before: 0 });
-        // … where it is not ordinary, and the odometry was not contradicted just before.
-        assert_eq!(sighting(drive(0.9), 0.2, false), fits);
+        // … where it is not ordinary, and the odometry was not contradicted just before: then more of the kind must follow.
+        assert_eq!(sighting(drive(0.9), 0.2, false), Sighting::Misfits);
         assert_eq!(sighting(drive(0.7), 0.2, true), fits);
-        assert_eq!(sighting(LossDetector { calm_scans: 0, ..drive(0.9) }, 0.2, true), fits);
+        assert_eq!(sighting(LossDetector { calm_scans: 0, ..drive(0.9) }, 0.2, true), Sighting::Misfits);
         // What was not in view before is not missing.
         let scan = Arc::new(seen(0.0).filtered(|[_, y]| y > 0.5));
         let mut half = LocalMap::new(MatcherConfig::default().cell_m, 20.0);
@@ -276,5 +402,50 @@ mod tests {
         assert_eq!(lost.hear_of(&seen(1.0), &map), Sighting::Misfits);
         assert!(matches!(lost.hear_of(&seen(1.0), &map), Sighting::Lost { .. }));
         assert_eq!(lost.hear_of(&seen(0.0), &map), fits);
+    }
+
+    #[test]
+    fn scans_that_show_other_things_are_suspicious() {
+        let map = map();
+        let suspicious = Sighting::Suspicious { misfits_before: 2 };
+        let [as_before, moved] = [0.0, 0.2].map(seen);
+        let of_three = |mut drive: LossDetector| [0, 1, 2].map(|_| drive.hear_of(&moved, &map));
+        assert_eq!(of_three(drive(0.9)), [Sighting::Misfits, Sighting::Misfits, suspicious]);
+        // … where that is not ordinary …
+        assert_eq!(of_three(drive(0.7)), [Sighting::Fits { misfits_before: 0 }; 3]);
+        // … and not if they cease.
+        let mut transient = drive(0.9);
+        assert_eq!(transient.hear_of(&moved, &map), Sighting::Misfits);
+        assert_eq!(transient.hear_of(&as_before, &map), Sighting::Fits { misfits_before: 1 });
+        assert_eq!(of_three(transient), [Sighting::Misfits, Sighting::Misfits, suspicious]);
+    }
+
+    #[test]
+    fn what_looks_through_what_was_there_is_suspicious_though_most_of_it_fits() {
+        // Beyond a wall that is gone there is nothing known: of what was in view all fits.
+        let map = map();
+        let room = [[-4.0, -3.0], [4.0, -3.0], [4.0, 3.0], [-4.0, 3.0]];
+        let beyond = Walls::default().with_loop(&[room[0], [9.0, -3.0], [9.0, 3.0], room[3]]);
+        let scan = SurfaceScan::new(&beyond.scan_from(&Pose2::IDENTITY, 361), &Thinning::default());
+        let known = map.had_in_view(&Pose2::IDENTITY, &scan);
+        let share = inlier_share(map.surfaces(), &known, &Pose2::IDENTITY, &MatcherConfig::default());
+        assert!(share > 0.95, "{share}");
+        let mut drive = drive(0.95);
+        let heard = [0, 1, 2].map(|_| drive.hear_of(&scan, &map));
+        assert_eq!(heard[..2], [Sighting::Misfits; 2]);
+        assert!(matches!(heard[2], Sighting::Suspicious { .. } | Sighting::Lost { .. }), "{heard:?}");
+    }
+
+    #[test]
+    fn a_few_scans_do_not_make_ordinary_what_is_not() {
+        let mut ordinary = OrdinaryShare::default();
+        (0..50).for_each(|k| ordinary.learn(if k % 2 == 0 { 1.0 } else { 0.96 }));
+        assert!(!ordinary.is_far_above(0.9, 200) && ordinary.is_far_above(0.6, 200));
+        // Of a few points chance may decide.
+        assert!(!ordinary.is_far_above(0.6, 12) && !ordinary.is_far_above(0.0, 11));
+        (0..3).for_each(|_| ordinary.learn(0.0));
+        assert!(ordinary.is_far_above(0.6, 200), "{ordinary:?}");
+        (0..200).for_each(|_| ordinary.learn(0.6));
+        assert!(!ordinary.is_far_above(0.6, 200), "{ordinary:?}");
     }
 }

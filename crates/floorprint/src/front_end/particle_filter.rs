@@ -220,7 +220,7 @@ impl ParticleFilter {
             inlier_share: fit.map_or(1.0, |fit| fit.result.inlier_share),
             score: fit.map_or(0.0, |fit| fit.result.score),
             resampled,
-            odometry_rejected: fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed),
+            odometry_rejected: motion.is_some() && fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed),
             // Where scan and odometry contradict each other the robot may be where either has it.
             covariance: self.covariance + fit.map_or_else(Matrix3::zeros, |fit| fit.contradiction()),
             drift: self.unseen.drift(),
@@ -246,8 +246,8 @@ impl ParticleFilter {
             // nothing was seen.
             Some(loss) if is_gap(steps) && fit.is_some_and(Fit::is_far_off_and_bad) => loss.lose(),
             Some(loss) => {
-                let contradicts_odometry = fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed);
                 let map = &self.particles[best].map;
+                let contradicts_odometry = fit.is_some_and(|fit| fit.odometry != OdometryVerdict::Confirmed);
                 loss.observe(scan, fit.map(|fit| &fit.result), contradicts_odometry, map, &self.matcher)
             }
             None => Sighting::Fits { misfits_before: 0 },
