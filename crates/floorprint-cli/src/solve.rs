@@ -80,7 +80,8 @@ impl Solution {
         self.summary.scans == 0
     }
 
-    /// Whether there is dead reckoning to compare with: neither is the trajectory that, nor does nothing tell the motion.
+    /// Whether dead reckoning is something to compare the trajectory with: not where it is the trajectory, nor where nothing
+    /// tells the motion.
     #[must_use]
     pub fn has_odometry(&self) -> bool {
         !self.is_dead_reckoning() && self.summary.source != OdometrySource::ScanMatching

@@ -24,7 +24,7 @@ pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io:
         |name: &str, text: String| writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", wrapped(&text, NAME, width));
     let poses = if drive.poses > drive.scans && report.map.is_some() {
         format!(
-            "{}, that of the session included, of it {}",
+            "{} with those of the session, {} of them new",
             counted(drive.poses, "pose"),
             counted(drive.scans, "scan")
         )

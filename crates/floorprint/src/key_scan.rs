@@ -56,7 +56,7 @@ pub struct Interruption {
     pub frame: usize,
     /// Whether nothing fitted any more. Else the robot may be where it was thought to be.
     pub is_certain: bool,
-    /// Whether it is no more than a suspicion: one scan fitted badly, and the front end goes on with its map.
+    /// Whether it is no more than a suspicion: one scan or a few fitted badly, and the front end goes on with its map.
     #[serde(default)]
     pub is_suspicion: bool,
 }

@@ -50,8 +50,8 @@ pub struct StepReport {
     /// The best estimate of the body's pose as of now, world from body: the front end's, put right by
     /// the loops that were closed so far.
     pub pose: Pose2,
-    /// Whether the robot seems to have been kidnapped and has not been found again: the pose is then not to
-    /// be relied on.
+    /// Whether the robot seems to have been kidnapped and has not been found again, or is suspected to have been and has seen too
+    /// little since to tell: the pose is then not to be relied on.
     pub is_lost: bool,
     /// How uncertain `pose` is, unless the robot is lost; `None` where loops are not closed and nothing is known of it.
     pub uncertainty: Option<Uncertainty>,

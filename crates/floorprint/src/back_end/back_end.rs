@@ -77,7 +77,11 @@ impl BackEnd {
         let pair = [older, job.newer];
         let Self { views, config, matcher, .. } = self;
         let mut comparison = views.compare(&places.submaps, pair, expected, uncertainty, config, matcher);
-        if older + 1 == job.newer && places.submaps[job.newer].interruption.is_some() {
+        // What lies across an interruption is compared first.
+        if places.comparisons.len() == job.first
+            && older + 1 == job.newer
+            && places.submaps[job.newer].interruption.is_some()
+        {
             let previous_from_submap = comparison.placements[0].older_from_newer;
             comparison.discontinuity = discontinuity(job.newer, &previous_from_submap, &places.submaps, views, matcher);
         }

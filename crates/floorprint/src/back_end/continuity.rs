@@ -12,6 +12,8 @@ use std::sync::Arc;
 
 /// So many of the newest pairs of submaps tell what is ordinary here.
 const PAIRS: usize = 4;
+/// … of so many at most that are looked at: some have too little in common.
+const PAIRS_LOOKED_AT: usize = 8;
 /// How the likeness of such pairs scatters before any is known, standard deviation, and how many pairs that counts for.
 const PRIOR_SIGMA: f64 = 0.05;
 const PRIOR_PAIRS: f64 = 4.0;
@@ -33,7 +35,8 @@ pub(super) fn discontinuity(
     let pairs = (1..newer).rev().filter(|&number| follows(number));
     let links = pairs.filter_map(|number| submaps[number].link.map(|link| (number, link.previous_from_submap)));
     let mut likeness = |number: usize, pose: &Pose2| views.likeness(submaps, [number - 1, number], pose, matcher);
-    let ordinary: Vec<f64> = links.filter_map(|(number, pose)| likeness(number, &pose)).take(PAIRS).collect();
+    let ordinary = links.take(PAIRS_LOOKED_AT).filter_map(|(number, pose)| likeness(number, &pose));
+    let ordinary: Vec<f64> = ordinary.take(PAIRS).collect();
     let [mean, sigma] = mean_and_sigma(&ordinary)?;
     Some(likeness(newer, previous_from_submap).map_or(f64::INFINITY, |here| (mean - here) / sigma))
 }

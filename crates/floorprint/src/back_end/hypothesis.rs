@@ -90,8 +90,8 @@ pub struct Break {
 /// What became of an interruption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum Outcome {
-    /// No more than a suspicion: the robot is taken not to have been carried until the submaps before and after it have been
-    /// compared.
+    /// No more than a suspicion: the graph takes the robot not to have been carried until the submaps before and after it have
+    /// been compared; it is said to be lost meanwhile.
     Suspected,
     Open,
     /// The robot was not carried.

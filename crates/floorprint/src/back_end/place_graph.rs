@@ -1,14 +1,14 @@
 //! What closing loops knows of a drive, and all of it that outlives a step: submaps, what they were compared with,
 //! and the hypotheses about how they lie to each other.
 
-use super::hypothesis::{Attached, Hypothesis, Kidnapping};
+use super::hypothesis::{Attached, Hypothesis, Kidnapping, kidnapped_covariance};
 use super::place_match::{Comparison, Placement};
 use super::submap::{Submap, SubmapBuilder};
 use super::uncertainty::Uncertainty;
 use super::{ClosureLoad, ClosureReport, Verdict};
 use crate::compact_scan::CompactScan;
 use crate::geometry::Pose2;
-use crate::key_scan::KeyScan;
+use crate::key_scan::{Interruption, KeyScan};
 use crate::pose_graph::PoseGraph;
 use crate::surface::{SurfaceScan, Thinning};
 use rayon::prelude::*;
@@ -226,7 +226,8 @@ impl PlaceGraph {
             since = since.and(&Uncertainty::of(&link.covariance));
             drift.add(&link.drift);
         }
-        newest.and(&since).after(&drift)
+        let stated = newest.and(&since).after(&drift);
+        if self.is_suspected() { stated.and(&Uncertainty::of(&kidnapped_covariance())) } else { stated }
     }
 
     /// How uncertain each of the first `frames` poses of the drive is in the world: as much as the less certain one
@@ -291,9 +292,20 @@ impl PlaceGraph {
     /// what it has seen since was not compared yet with what it saw before.
     #[must_use]
     pub fn is_lost(&self) -> bool {
-        let coming = &self.submaps[self.taken..];
-        let mut coming = coming.iter().filter_map(|submap| submap.interruption).chain(self.builder.interruption());
-        coming.next().is_some() || self.hypotheses[0].is_suspected() || self.hypotheses[0].is_lost()
+        self.coming_interruptions().next().is_some()
+            || self.hypotheses[0].is_suspected()
+            || self.hypotheses[0].is_lost()
+    }
+
+    /// Whether it may have been, and that is all that is known.
+    fn is_suspected(&self) -> bool {
+        self.coming_interruptions().any(|at| at.is_suspicion) || self.hypotheses[0].is_suspected()
+    }
+
+    /// The interruptions of which the hypotheses have not heard yet.
+    fn coming_interruptions(&self) -> impl Iterator<Item = Interruption> {
+        let coming = self.submaps[self.taken..].iter().filter_map(|submap| submap.interruption);
+        coming.chain(self.builder.interruption())
     }
 
     /// What is worked with now.

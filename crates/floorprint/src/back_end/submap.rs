@@ -104,7 +104,7 @@ impl SubmapBuilder {
         self.path_m += step_m;
         self.covariance += key_scan.covariance;
         self.drift.add(&key_scan.drift);
-        // One suspicion after the other is one: what has been seen since the first is too little to decide it by.
+        // A suspicion soon after another or a loss is none of its own: what has been seen since is too little to decide it by.
         if self.interruption().is_some() {
             key_scan.interruption = key_scan.interruption.filter(|at| !at.is_suspicion);
         }

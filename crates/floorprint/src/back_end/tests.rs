@@ -545,6 +545,24 @@ fn discontinuity_of(carried_m: f64, share_in_the_way: f64) -> f64 {
 }
 
 #[test]
+fn who_is_suspected_is_lost_until_what_he_sees_then_was_compared() {
+    let (walls, truth) = ring();
+    let frame = 80;
+    let mut key_scans = key_scans(&walls, &truth[..2 * frame], &truth[..2 * frame]);
+    key_scans[frame].interruption = Some(Interruption { frame, is_certain: false, is_suspicion: true });
+    let mut closer = Closer::new(&LoopClosureConfig::default());
+    for key_scan in &key_scans {
+        closer.places.add(key_scan.clone(), poses_since(&key_scans, key_scan.frame));
+        if key_scan.frame == frame {
+            assert!(closer.places.is_lost() && closer.places.uncertainty().sigma_m > 20.0);
+        }
+        while closer.work() {}
+    }
+    assert!(!closer.places.is_lost() && closer.places.uncertainty().sigma_m < 1.0);
+    assert!(closer.places.comparisons.iter().any(|comparison| comparison.discontinuity.is_some_and(|d| d < 1.5)));
+}
+
+#[test]
 fn who_was_not_carried_sees_what_he_saw_before() {
     let [stayed, crowded, carried] = [(0.0, 0.0), (0.0, 0.2), (9.0, 0.0)].map(|(m, share)| discontinuity_of(m, share));
     assert!(stayed < 1.5 && crowded < 1.5 && carried > 3.0, "{stayed} {crowded} {carried}");
@@ -564,6 +582,7 @@ fn one_suspicion_after_the_other_is_one() {
     };
     assert_eq!(begun([true, true]), [(10, 10)]);
     assert_eq!(begun([true, false]), [(10, 10), (13, 13)]);
+    assert_eq!(begun([false, true]), [(10, 10)]);
 }
 
 /// Hypotheses that expect a submap in different places have it compared with the same older one several times.

@@ -173,7 +173,9 @@ impl ViewCache {
     ) -> Option<f64> {
         let mut before = vec![(older, Pose2::IDENTITY)];
         let link = submaps[older].link.filter(|_| submaps[older].interruption.is_none());
-        before.extend(link.map(|link| (older - 1, link.previous_from_submap.inverse())));
+        before.extend(
+            older.checked_sub(1).zip(link).map(|(earlier, link)| (earlier, link.previous_from_submap.inverse())),
+        );
         before.retain(|&(submap, _)| !submaps[submap].is_forgotten());
         let views = [before, vec![(newer, Pose2::IDENTITY)]].map(|parts| self.view_of(&parts, submaps, matcher.cell_m));
         let probes = [older, newer].map(|index| self.look(index, submaps));

@@ -1,7 +1,8 @@
 //! Notices that the robot is not where its scans were matched.
 //!
-//! Scans that contradict the map are not written. When they do not cease the robot is lost, and the map begins anew; where
-//! on the old map that is, is for the back end to find out.
+//! Scans that contradict the map, or show other things than were to be seen, are not written. When contradictions do not cease
+//! the robot is lost, and the map begins anew; where on the old map that is, is for the back end to find out. When the others do
+//! not, the robot is suspected to have been carried, and the map goes on.
 
 use super::local_map::LocalMap;
 use crate::geometry::Pose2;
@@ -145,7 +146,7 @@ impl LossDetector {
         let shows_other_things =
             !is_suspicious && fit.is_some_and(|fit| self.shows_other_things(scan, fit, map, matcher));
         fit.iter().for_each(|fit| self.ordinary.learn(fit.inlier_share));
-        // Scans of which nothing can be told leave it at what those before said.
+        // Scans of which nothing can be told leave it at what those before said, if that was a contradiction.
         let is_misfit = is_contradicted.unwrap_or(self.misfits > 0 && self.is_contradiction);
         let Some(fit) = fit.filter(|_| is_misfit || shows_other_things) else {
             let misfits_before = std::mem::take(&mut self.misfits);
