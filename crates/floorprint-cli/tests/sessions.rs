@@ -68,7 +68,8 @@ fn a_second_drive_goes_on_from_the_first_and_finds_its_place() {
     let out = folder.path().join("second");
     let arguments =
         ["run", &at("tuesday"), "--continue", &session(), "--start", "unknown", "--out", out.to_str().unwrap()];
-    floorprint(&arguments, 0);
+    let summary = floorprint(&arguments, 0);
+    assert!(summary.contains("poses with those of the session") && summary.contains("scans of them new"), "{summary}");
     let both = out.join("session.gpkg").display().to_string();
     assert!(frames(&both) > frames(&session()) + 100);
     let info = floorprint(&["map", "info", &both], 0);

@@ -330,6 +330,23 @@ fn a_drive_without_a_lidar_is_dead_reckoned_and_has_no_map() {
 
 /// Once the robot comes by places that it knows, once the drive ends before that.
 #[test]
+fn without_odometry_nothing_is_said_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let summary = text(&run(&drive(), &out, more).stdout);
+        let rows: Vec<String> = summary.lines().filter_map(|line| line.split(' ').next()).map(str::to_owned).collect();
+        (rows, report(&out))
+    };
+    let (rows, with) = told("with", &[]);
+    assert!(rows.iter().any(|row| row == "odometry") && with["errors"]["odometry"].is_object(), "{rows:?}");
+    let (rows, without) = told("without", &["--set", "odometry.source=\"scan_matching\""]);
+    assert!(!rows.iter().any(|row| row == "odometry" || row == "conflicts"), "{rows:?}");
+    assert!(without["errors"]["odometry"].is_null() && without["errors"]["trajectory"].is_object(), "{without}");
+    assert_eq!(without["filter"]["odometry_rejections"], 0);
+}
+
+#[test]
 fn a_robot_that_was_carried_elsewhere_is_said_to_be_and_where_it_was_found() {
     let folder = tempfile::tempdir().unwrap();
     for (name, faults, is_found) in [
@@ -367,7 +384,9 @@ fn wrong_and_empty_paths_are_explained() {
     fs::write(&empty, "").unwrap();
     let out = folder.path().join("out");
     let message = failure(&["run", empty.to_str().unwrap(), "--out", out.to_str().unwrap()], 1);
-    assert!(message.contains("empty"), "{message}");
+    assert!(message.contains("the file is empty"), "{message}");
+    let message = failure(&["run", tempfile::tempdir().unwrap().path().to_str().unwrap()], 1);
+    assert!(message.contains("the folder is empty") && message.contains("one of:"), "{message}");
     let message = failure(&["run", "no/such/drive", "--out", folder.path().join("deep/er/x").to_str().unwrap()], 1);
     assert!(message.contains("no/such/drive"), "{message}");
     let message = failure(&["run", &drive(), "--out", empty.join("x").to_str().unwrap()], 1);

@@ -156,7 +156,8 @@ mod tests {
 
     #[test]
     fn nothing_is_drawn_from_nothing() {
-        let chart = Chart { title: "t", class: "", points: vec![], maximum: None };
-        assert_eq!(chart.to_html("m"), "");
+        let chart = |points: Vec<[f64; 2]>| Chart { title: "t", class: "", points, maximum: None }.to_html("m");
+        assert_eq!((chart(vec![]), chart(vec![[3.0, 1.0]])), (String::new(), String::new()));
+        assert_ne!(chart(vec![[3.0, 1.0], [4.0, 1.0]]), "");
     }
 }

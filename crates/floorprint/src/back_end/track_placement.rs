@@ -389,11 +389,15 @@ impl Break {
     }
 }
 
-/// By how many standard deviations the submaps right before and after an interruption look less alike than is ordinary: by
-/// infinitely many or by none where nothing is known to be.
+/// Whether what the submaps right before and after an interruption have in view is alike by itself, whatever is ordinary.
+fn looks_the_same(across: &Comparison) -> bool {
+    across.placements[0].quality() >= STAYING_QUALITY
+}
+
+/// By how many standard deviations they look less alike than is ordinary: by infinitely many or by none where nothing is known
+/// to be.
 fn discontinuity(across: &Comparison) -> f64 {
-    let looks_the_same = across.placements[0].quality() >= STAYING_QUALITY;
-    across.discontinuity.unwrap_or(if looks_the_same { 0.0 } else { f64::INFINITY })
+    across.discontinuity.unwrap_or(if looks_the_same(across) { 0.0 } else { f64::INFINITY })
 }
 
 /// Whether they certainly show different places; `None` where they do not tell.
@@ -404,6 +408,5 @@ fn is_elsewhere(across: &Comparison) -> Option<bool> {
         return is_extraordinary;
     }
     // What does not look the same is not the same place; what does may be.
-    let looks_the_same = placement.fits() && placement.quality() >= STAYING_QUALITY;
-    Some(!looks_the_same || is_extraordinary == Some(true))
+    Some(!(placement.fits() && looks_the_same(across)) || is_extraordinary == Some(true))
 }

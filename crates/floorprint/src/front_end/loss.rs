@@ -143,8 +143,10 @@ impl LossDetector {
         self.calm_scans = if contradicts_odometry { 0 } else { self.calm_scans.saturating_add(1) };
         let is_suspicious = fit.is_some_and(|fit| is_elsewhere && self.is_extraordinary(scan, fit, map, matcher));
         self.is_suspicious |= is_suspicious;
+        // What contradicts the map need not be asked for less.
+        let may_show_other_things = !is_suspicious && is_contradicted != Some(true);
         let shows_other_things =
-            !is_suspicious && fit.is_some_and(|fit| self.shows_other_things(scan, fit, map, matcher));
+            may_show_other_things && fit.is_some_and(|fit| self.shows_other_things(scan, fit, map, matcher));
         fit.iter().for_each(|fit| self.ordinary.learn(fit.inlier_share));
         // Scans of which nothing can be told leave it at what those before said, if that was a contradiction.
         let is_misfit = is_contradicted.unwrap_or(self.misfits > 0 && self.is_contradiction);
