@@ -203,7 +203,7 @@ mod tests {
             origin in (-1.0..1.0_f64, -1.0..1.0_f64),
             noise in 0.0..0.5_f32,
         ) {
-            let scan = BodyScan { origin_m: [origin.0, origin.1], hits: points(&hits), free_ends: points(&free), range_noise_m: noise };
+            let scan = BodyScan { origin_m: [origin.0, origin.1], hits: points(&hits), free_ends: points(&free), range_noise_m: noise, ..BodyScan::default() };
             let once = CompactScan::new(&scan).unpack();
             for (a, b) in scan.hits.iter().chain(scan.free_ends.iter()).zip(once.hits.iter().chain(once.free_ends.iter())) {
                 prop_assert!((a[0] - b[0]).abs() <= 0.51 / UNITS_PER_M && (a[1] - b[1]).abs() <= 0.51 / UNITS_PER_M);

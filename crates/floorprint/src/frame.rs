@@ -34,6 +34,17 @@ pub struct BodyScan {
     pub free_ends: Points,
     /// Standard deviation of the ranges as far as it is known, metres; 0 where it is not.
     pub range_noise_m: f32,
+    /// When the points were seen, where the body's motion in the meantime is yet to be undone.
+    pub skew: Option<Skew>,
+}
+
+/// When the points of a scan were seen, seconds after its stamp.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Skew {
+    /// The hits.
+    pub hits_s: Vec<f32>,
+    /// The free ends.
+    pub free_ends_s: Vec<f32>,
 }
 
 impl BodyScan {

@@ -38,6 +38,27 @@ fn without_faults_scan_and_odometry_agree() {
     });
 }
 
+/// A LiDAR that takes a tenth of a second for its sweep, on a robot that turns by up to 7° meanwhile and has no odometry.
+#[test]
+fn without_odometry_scans_tell_how_the_robot_moves_while_the_lidar_sweeps() {
+    let mut simulation = quick();
+    simulation.robot.lidar.sweep_duration_s = 0.1;
+    for (world, seed) in [("rooms", 1), ("rooms", 2), ("pillars", 1)] {
+        let errors = [true, false].map(|deskews| {
+            let settings = format!(
+                "robot.lidar.sweep_duration_s = 0.1\nscan.deskew = {deskews}\nodometry.source = \"scan_matching\""
+            );
+            solve_as(world, seed, simulation.clone(), &settings).error
+        });
+        let [undone, skewed] = errors.map(|error| (error.translation_m.rmse, error.rotation_deg.rmse));
+        assert!(undone.0 < 0.008 && undone.1 < 0.1, "{world} {seed}: {undone:?}, skewed {skewed:?}");
+        assert!(
+            undone.0 < 0.4 * skewed.0 && undone.1 < 0.4 * skewed.1,
+            "{world} {seed}: {undone:?}, skewed {skewed:?}"
+        );
+    }
+}
+
 #[test]
 fn spinning_wheels_do_not_move_the_robot() {
     in_every_drive(&[Fault::WheelSlip { from_s: 20.0, for_s: 5.0, share: 1.0 }], |outcome, drive| {

@@ -21,6 +21,7 @@ mod particle_filter;
 mod prepared_scan;
 mod report;
 mod resampler;
+mod seen_velocity;
 mod shared_map;
 mod tracker;
 mod unseen_motion;

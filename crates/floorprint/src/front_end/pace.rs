@@ -15,6 +15,11 @@ const NEWEST: f64 = 0.1;
 const GAP_STEPS: f64 = 4.0;
 
 impl Pace {
+    /// The usual time from one scan to the next, seconds; 0 as long as nothing is known.
+    pub(super) fn usual_s(&self) -> f64 {
+        self.usual_s
+    }
+
     /// For how many scans of the usual pace the time since the last one would do; learns from it. It is 0 where the
     /// stamps say that no time has passed.
     pub(super) fn steps(&mut self, elapsed_s: f64) -> f64 {

@@ -6,6 +6,7 @@ use super::loss::{LossDetector, Sighting};
 use super::odometry_model::OdometryModel;
 use super::pace::{Pace, is_gap};
 use super::resampler::resample_poses;
+use super::seen_velocity::SeenVelocity;
 use super::tracker::{Fit, Tracker, blunder};
 use super::unseen_motion::{Step, UnseenMotion};
 use super::weights::{effective_number, heaviest, normalise};
@@ -44,8 +45,8 @@ pub struct ParticleFilter {
     loss: Option<LossDetector>,
     /// The scan that the last step wrote into the maps, if it wrote one; all particles write the same ones.
     key_scan: Option<KeyScan>,
-    /// The points of the last scan.
-    points: CompactScan,
+    /// The last scan.
+    scan: PreparedScan,
     /// How many scans were written.
     written: usize,
     /// Covariance of the best particle's motion since the last of them.
@@ -56,6 +57,8 @@ pub struct ParticleFilter {
     unseen: UnseenMotion,
     /// How fast scans follow each other.
     pace: Pace,
+    /// How the best particle moves, to undo sweeps with where there is no odometry.
+    velocity: SeenVelocity,
     /// Whether a new drive begins with the next scan.
     is_interrupted: bool,
     steps: usize,
@@ -83,6 +86,8 @@ pub struct FrontEndState {
     #[serde(default)]
     unseen: UnseenMotion,
     pace: Pace,
+    #[serde(default)]
+    velocity: SeenVelocity,
 }
 
 impl FrontEndState {
@@ -120,13 +125,14 @@ impl ParticleFilter {
             odometry: OdometryModel::default(),
             loss: closes_loops.then(LossDetector::default),
             key_scan: None,
-            points: CompactScan::default(),
+            scan: PreparedScan::default(),
             written: 0,
             covariance: Matrix3::zeros(),
             is_doubtful: false,
             is_interrupted: false,
             unseen: UnseenMotion::default(),
             pace: Pace::default(),
+            velocity: SeenVelocity::default(),
             steps: 0,
         }
     }
@@ -140,11 +146,33 @@ impl ParticleFilter {
     /// One step of the filter: predict, match, weigh, resample, map.
     pub fn process(&mut self, frame: &Frame, profiler: &mut dyn Profiler) -> FilterStep {
         profiler.enter(Phase::Match);
-        let prepared = PreparedScan::of(&frame.scan, &self.thinning());
+        let prepared = self.prepare(frame);
         self.process_prepared(frame, prepared, profiler)
     }
 
-    /// The same of a frame whose scan was prepared ahead.
+    /// Prepares a scan. Where the body's motion is not undone yet, the scan is first undone as if the body went on as it did:
+    /// where it then fits tells how the body moves now.
+    fn prepare(&mut self, frame: &Frame) -> PreparedScan {
+        let (scan, thinning) = (&frame.scan, self.thinning());
+        let Some(skew) = &scan.skew else { return PreparedScan::of(scan, &thinning) };
+        let going_on = SurfaceScan::new(&self.velocity.undone_in(scan), &thinning);
+        let mut particle = self.best_particle().clone();
+        let mut pace = self.pace;
+        let steps = pace.steps(frame.elapsed_s).max(1.0);
+        let prediction = particle.predict(None, steps, &self.odometry, &self.motion);
+        let fit = particle.match_scan(&prediction, &going_on, &self.matcher);
+        if fit.is_some_and(|fit| self.is_clear(&fit, going_on.len())) {
+            self.velocity.expect(&particle.pose, skew, frame.elapsed_s, pace.usual_s());
+        }
+        PreparedScan::of(&self.velocity.undone_in(scan), &thinning)
+    }
+
+    /// Whether a scan of so many points shows the motion beyond doubt.
+    fn is_clear(&self, fit: &Fit, points: usize) -> bool {
+        points >= POINTS_TO_SEARCH && fit.result.inlier_share >= self.matcher.search_below_inlier_share
+    }
+
+    /// The same of a frame whose scan was prepared ahead; none may be whose motion is [not undone](BodyScan::skew).
     pub fn process_prepared(
         &mut self,
         frame: &Frame,
@@ -152,13 +180,13 @@ impl ParticleFilter {
         profiler: &mut dyn Profiler,
     ) -> FilterStep {
         profiler.enter(Phase::Match);
-        let PreparedScan { surfaces: scan, points } = prepared;
+        let scan = Arc::clone(&prepared.surfaces);
         // A new drive begins with a map of its own; how it lies to the old one is for the back end to find out.
         let begins = !scan.is_empty() && std::mem::take(&mut self.is_interrupted);
         if begins {
             self.particles.iter_mut().for_each(|particle| particle.map.clear());
         }
-        self.points = points;
+        self.scan = prepared;
         let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
         let steps = self.pace.steps(frame.elapsed_s);
         let fits = self.predict_and_match(motion.as_ref(), steps.max(1.0), &scan);
@@ -189,6 +217,11 @@ impl ParticleFilter {
             self.unseen.observe(&step, fit, &scan, map.surfaces(), &self.matcher);
         }
         let pose = self.particles[best].pose;
+        if begins || matches!(sighting, Sighting::Lost { .. }) || self.unseen.is_in_the_dark() {
+            self.velocity.forget();
+        } else {
+            self.velocity.observe(&pose, frame.scan.skew.as_ref(), frame.elapsed_s, self.pace.usual_s());
+        }
         profiler.enter(Phase::Map);
         let interruption = match sighting {
             Sighting::Lost { scans, is_certain } => {
@@ -318,7 +351,7 @@ impl ParticleFilter {
         let (last_motion, heading_rad) = (*last_motion, pose.theta - last_motion.theta);
         let sigmas: [f64; 2] = self.motion.sigmas(measured).into();
         let is_confirmed = fit.odometry == OdometryVerdict::Confirmed;
-        let is_clear = points >= POINTS_TO_SEARCH && fit.result.inlier_share >= self.matcher.search_below_inlier_share;
+        let is_clear = self.is_clear(fit, points);
         let scan = &fit.result.scan_information;
         self.odometry.learn(measured, &last_motion, heading_rad, sigmas[0], scan, is_confirmed);
         if is_clear {
@@ -342,7 +375,7 @@ impl ParticleFilter {
             drift: self.unseen.take_drift(&self.covariance),
             covariance: std::mem::take(&mut self.covariance) + doubt,
             scan: Arc::clone(scan),
-            points: self.points.clone(),
+            points: self.scan.points.clone(),
             interruption,
         }
     }
@@ -374,7 +407,12 @@ impl ParticleFilter {
     /// The points of the last scan, where it was believed.
     #[must_use]
     pub fn points(&self) -> &CompactScan {
-        &self.points
+        &self.scan.points
+    }
+
+    /// The surfaces of the last scan.
+    pub(crate) fn surfaces(&self) -> &Arc<SurfaceScan> {
+        &self.scan.surfaces
     }
 
     /// By how much true lengths are longer than those that the odometry states, as a ratio, learnt where scans can tell.
@@ -414,6 +452,7 @@ impl ParticleFilter {
             is_interrupted: self.is_interrupted,
             unseen: self.unseen,
             pace: self.pace,
+            velocity: self.velocity,
         }
     }
 
@@ -444,7 +483,7 @@ impl ParticleFilter {
         filter.loss = filter.loss.and(state.loss.or(Some(LossDetector::default())));
         (filter.written, filter.covariance, filter.is_doubtful) = (state.written, state.covariance, state.is_doubtful);
         filter.is_interrupted = state.is_interrupted;
-        (filter.unseen, filter.pace) = (state.unseen, state.pace);
+        (filter.unseen, filter.pace, filter.velocity) = (state.unseen, state.pace, state.velocity);
         filter.steps = first + poses.len();
         filter
     }

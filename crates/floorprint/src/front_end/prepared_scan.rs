@@ -6,7 +6,7 @@ use crate::surface::{SurfaceScan, Thinning};
 use std::sync::Arc;
 
 /// A scan's surfaces and packed points. They depend on the scan alone, so that they can be made ahead of the filter.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct PreparedScan {
     /// What is matched.
     pub surfaces: Arc<SurfaceScan>,

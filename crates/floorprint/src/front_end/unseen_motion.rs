@@ -125,6 +125,11 @@ impl UnseenMotion {
         self.drift
     }
 
+    /// Whether the last scan did not show the motion at all.
+    pub(super) fn is_in_the_dark(&self) -> bool {
+        self.blind == Blind::Altogether
+    }
+
     /// The same for a motion that ends here with this covariance of what scans say of it; what follows begins anew. Where
     /// points scatter more than is taken for granted, walls come out askew, and the next scans along with them.
     pub(super) fn take_drift(&mut self, covariance: &Matrix3<f64>) -> Drift {

@@ -17,7 +17,7 @@ use crate::geometry::covariance::isotropic;
 use crate::key_scan::Drift;
 use crate::motion_model::MotionConfig;
 use crate::slam::SlamError;
-use crate::surface::{SurfaceScan, Thinning};
+use crate::surface::SurfaceScan;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -39,7 +39,6 @@ pub struct Localizer {
     config: LocalizationConfig,
     motion: MotionConfig,
     seed: u64,
-    thinning: Thinning,
     sensing: Sensing,
     odometry: OdometryModel,
     scan_odometry: ScanOdometry,
@@ -165,7 +164,6 @@ impl Localizer {
             config: config.localization.clone(),
             motion: config.motion.clone(),
             seed: config.seed,
-            thinning: config.matcher.thinning(),
             odometry: OdometryModel::default(),
             scan_odometry: ScanOdometry::new(config),
             is_claimed: !hypotheses.is_empty(),
@@ -199,9 +197,9 @@ impl Localizer {
     pub fn process(&mut self, frame: &Frame) -> Result<LocalizationReport, SlamError> {
         crate::slam::check(frame)?;
         self.step += 1;
-        let scan = Arc::new(SurfaceScan::new(&frame.scan, &self.thinning));
         // 1. Move along.
         let sigmas = self.predict(frame);
+        let scan = Arc::clone(self.scan_odometry.scan());
         // 2. Fit: each hypothesis to what was seen.
         let is_key_scan = !scan.is_empty() && self.is_key_scan();
         let mut particles = 0;

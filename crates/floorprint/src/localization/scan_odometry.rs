@@ -9,6 +9,8 @@ use crate::front_end::{FilterConfig, ParticleFilter};
 use crate::geometry::Pose2;
 use crate::key_scan::Drift;
 use crate::profiler::NoProfiler;
+use crate::surface::SurfaceScan;
+use std::sync::Arc;
 
 /// Follows the robot from scan to scan.
 #[derive(Debug, Clone)]
@@ -51,6 +53,11 @@ impl ScanOdometry {
     pub(super) fn new(config: &Config) -> Self {
         let config = Config { filter: FilterConfig::default(), ..config.clone() };
         Self { filter: ParticleFilter::new(&config), pose: None, drift: Drift::default(), steps: 0, off: 0.0 }
+    }
+
+    /// The scan of the last frame.
+    pub(super) fn scan(&self) -> &Arc<SurfaceScan> {
+        self.filter.surfaces()
     }
 
     /// Takes in a frame; `stated` is the motion as the odometry has it, with its standard deviations (metres, radians).

@@ -87,7 +87,8 @@ pub struct ScanConfig {
     /// Up to where a ray without a return clears the map when `no_return = "clear"`, metres.
     #[schemars(range(min = 0.0))]
     pub no_return_clear_m: f64,
-    /// Whether points are moved to where they would have been seen at the scan's stamp.
+    /// Whether points are moved to where they would have been seen at the scan's stamp: by odometry, and where there is none
+    /// by how the scans before show that the robot moves (not in the filters `shared_map` and `grisetti2007`).
     pub deskew: bool,
     /// Use one frame in this many.
     #[schemars(range(min = 1))]

@@ -5,7 +5,7 @@
 //! reckoning at the sweep's beginning, middle and end; that follows a turning and
 //! accelerating body to well under a millimetre over 0.1 s and costs no branch per ray.
 
-use crate::frame::Points;
+use crate::frame::{BodyScan, Points, Skew};
 use crate::geometry::Pose2;
 
 /// Sweeps that turn the body by less than this are left alone, radians: 1 mm at 30 m.
@@ -60,6 +60,19 @@ impl SweepMotion {
             (*x, *y) = (at_u(self.x) + cos * *x - sin * *y, at_u(self.y) + sin * *x + cos * *y);
         }
     }
+}
+
+/// A scan as the body would have seen it that stood still, if it moved like this while the LiDAR swept: metres a second ahead
+/// and to the left, radians a second.
+pub(crate) fn deskewed(mut scan: BodyScan, twist: [f64; 3]) -> BodyScan {
+    let Some(Skew { hits_s, free_ends_s }) = scan.skew.take() else { return scan };
+    let times_s = hits_s.iter().chain(&free_ends_s).copied();
+    let sweep_s = [times_s.clone().fold(f32::MAX, f32::min), times_s.fold(f32::MIN, f32::max)].map(f64::from);
+    if let Some(motion) = SweepMotion::new(|offset_s| Pose2::exp(twist.map(|speed| speed * offset_s)), sweep_s) {
+        motion.to_stamp(&hits_s, &mut scan.hits);
+        motion.to_stamp(&free_ends_s, &mut scan.free_ends);
+    }
+    scan
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 mod config;
 mod corrections;
 mod dead_reckoning;
-mod deskew;
+pub(crate) mod deskew;
 pub(crate) mod differential_drive;
 pub(crate) mod encoder_clock;
 mod error;

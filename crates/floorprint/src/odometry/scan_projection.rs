@@ -9,7 +9,7 @@ use super::deskew::SweepMotion;
 use super::finding::Finding;
 use super::range_noise::{RangeBends, RangeNoise};
 use crate::SensorId;
-use crate::frame::{BodyScan, Points};
+use crate::frame::{BodyScan, Points, Skew};
 use crate::sensors::{LidarConfig, Ray, RobotConfig, Scan, ScanGeometry, StampAt};
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -159,14 +159,33 @@ impl ScanProjection {
 
     /// The scan's points in the body's frame at its stamp.
     pub(crate) fn project(&self, scan: &Scan, motion: Option<SweepMotion>) -> BodyScan {
-        let nearest_m = self.nearest_m;
-        let hits = self.endpoints(&scan.ranges_m, |range_m, reach_m| range_m >= nearest_m && range_m < reach_m, motion);
+        let hits = self.endpoints(&scan.ranges_m, self.is_hit(), motion);
         let free_ends = if self.clear_m > 0.0 {
-            self.endpoints(&self.free_lengths_m(scan), |free_m, _| free_m > 0.0, motion)
+            self.endpoints(&self.free_lengths_m(scan), is_free, motion)
         } else {
             Points::default()
         };
-        BodyScan { origin_m: self.origin_m.map(f64::from), hits, free_ends, range_noise_m: 0.0 }
+        BodyScan { origin_m: self.origin_m.map(f64::from), hits, free_ends, ..BodyScan::default() }
+    }
+
+    /// When the points of a projected scan were seen; `None` when the rays' times are unknown or are not to be used.
+    pub(super) fn skew(&self, scan: &Scan) -> Option<Skew> {
+        self.sweep_s?;
+        let free_ends_s =
+            if self.clear_m > 0.0 { self.times_s(&self.free_lengths_m(scan), is_free) } else { Vec::new() };
+        Some(Skew { hits_s: self.times_s(&scan.ranges_m, self.is_hit()), free_ends_s })
+    }
+
+    /// Whether a ray of a length ended on something within its reach, metres.
+    fn is_hit(&self) -> impl Fn(f32, f32) -> bool + use<> {
+        let nearest_m = self.nearest_m;
+        move |range_m, reach_m| range_m >= nearest_m && range_m < reach_m
+    }
+
+    /// When the rays are taken whose length and reach are wanted, seconds after the stamp.
+    fn times_s(&self, lengths_m: &[f32], wanted: impl Fn(f32, f32) -> bool) -> Vec<f32> {
+        let rays = lengths_m.iter().zip(&self.reach_m).zip(&self.offset_s);
+        rays.filter(|((length_m, reach_m), _)| wanted(**length_m, **reach_m)).map(|(_, offset_s)| *offset_s).collect()
     }
 
     /// Where the rays end at these lengths (metres), for rays whose length and reach are wanted.
@@ -201,6 +220,11 @@ impl ScanProjection {
         };
         scan.ranges_m.iter().zip(&self.reach_m).map(free_m).collect()
     }
+}
+
+/// Whether nothing came back from along a ray, up to its length (metres).
+fn is_free(free_m: f32, _reach_m: f32) -> bool {
+    free_m > 0.0
 }
 
 /// When each ray is taken relative to the stamp, seconds: the geometry's own times, else the

@@ -71,8 +71,6 @@ pub struct Synchronizer {
     unknown: usize,
     jumps: usize,
     largest_jump_m: f64,
-    /// The body's motion as it was told last, for LiDARs without odometry: m/s, m/s, rad/s.
-    told_twist: Option<[f64; 3]>,
     summary: SynchronisationSummary,
 }
 
@@ -177,7 +175,6 @@ impl Synchronizer {
             unknown: 0,
             jumps: 0,
             largest_jump_m: 0.0,
-            told_twist: None,
             summary: SynchronisationSummary {
                 source: wanted,
                 scans: 0,
@@ -225,12 +222,6 @@ impl Synchronizer {
         let frames = self.advance(f64::INFINITY)?;
         self.sources.check()?;
         Ok(frames)
-    }
-
-    /// Tells how the body moves now: metres a second ahead and to the left, radians a second. While there is no
-    /// odometry, sweeps are de-skewed with it.
-    pub fn tell_motion(&mut self, twist: [f64; 3]) {
-        self.told_twist = Some(twist);
     }
 
     /// The latest stretch of dead reckoning, `odometry_from_body`, from some seconds before the scans that wait. Its
@@ -477,14 +468,12 @@ impl Synchronizer {
     fn project(&mut self, scan: &Scan, motion: Motion) -> BodyScan {
         let range_noise_m = self.projections.learn_noise_m(scan);
         let projection = self.projections.of(scan);
-        let sweep = projection.sweep_s().and_then(|sweep_s| match (motion, self.told_twist) {
-            (Motion::Known(known_s), _) => {
-                let path = self.sources.path();
-                SweepMotion::new(|offset_s| path.pose_at_known(scan.stamp_s + offset_s, known_s), sweep_s)
-            }
-            (_, Some(twist)) => SweepMotion::new(|offset_s| Pose2::exp(twist.map(|speed| speed * offset_s)), sweep_s),
-            _ => None,
-        });
+        let Motion::Known(known_s) = motion else {
+            return BodyScan { range_noise_m, skew: projection.skew(scan), ..projection.project(scan, None) };
+        };
+        let path = self.sources.path();
+        let body_at = |offset_s: f64| path.pose_at_known(scan.stamp_s + offset_s, known_s);
+        let sweep = projection.sweep_s().and_then(|sweep_s| SweepMotion::new(body_at, sweep_s));
         BodyScan { range_noise_m, ..projection.project(scan, sweep) }
     }
 }

@@ -46,7 +46,9 @@ pub fn search(map: &SurfaceMap, scan: &SurfaceScan, center: &Pose2, window: Sear
     let turns = (window.angle_rad / STEP_RAD).round() as i32;
     let shifts = 2 * steps as usize + 1;
     let row_length = shifts.next_multiple_of(LANES);
-    let field = ProximityField::new(map, stride, shifts);
+    let reach_m = points.iter().map(|[x, y]| x.hypot(*y)).fold(0.0, f64::max) + step_m * f64::from(steps);
+    let corner = |offset_m: f64| Cell::containing([center.x + offset_m, center.y + offset_m], inverse_cell);
+    let field = ProximityField::new(map, stride, shifts, [corner(-reach_m), corner(reach_m)]);
     let mut scores = vec![0; shifts * row_length];
     let mut best_of_heading: Vec<(u16, Pose2)> = Vec::with_capacity(2 * turns as usize + 1);
     for turn in -turns..=turns {

@@ -38,7 +38,9 @@ impl Slam {
                 let mut make = || {
                     making.enter(Phase::Synchronise);
                     let frame = frames.next()?;
-                    let prepared = thinning.as_ref().map(|thinning| PreparedScan::of(&frame.scan, thinning));
+                    // What is skewed yet is undone by the filter, which alone knows how the body moves.
+                    let thinning = thinning.as_ref().filter(|_| frame.scan.skew.is_none());
+                    let prepared = thinning.map(|thinning| PreparedScan::of(&frame.scan, thinning));
                     making.end_of_frame();
                     Some((frame, prepared))
                 };

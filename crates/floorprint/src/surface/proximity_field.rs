@@ -28,11 +28,18 @@ pub struct ProximityField {
 }
 
 impl ProximityField {
-    /// The field of a map for shifts by multiples of `stride` cells, up to `shifts` of them in a row or column.
+    /// The field of a map for shifts by multiples of `stride` cells, up to `shifts` of them in a row or column, that lead to
+    /// no cell before or beyond these: what the map shows elsewhere costs neither time nor memory.
     #[must_use]
-    pub fn new(map: &SurfaceMap, stride: i32, shifts: usize) -> Self {
+    pub fn new(map: &SurfaceMap, stride: i32, shifts: usize, [first, last]: [Cell; 2]) -> Self {
+        let is_near = |cell: &Cell| {
+            cell.x >= first.x.saturating_sub(REACH_CELLS)
+                && cell.x <= last.x.saturating_add(REACH_CELLS)
+                && cell.y >= first.y.saturating_sub(REACH_CELLS)
+                && cell.y <= last.y.saturating_add(REACH_CELLS)
+        };
         let (mut low, mut high) = (Cell { x: i32::MAX, y: i32::MAX }, Cell { x: i32::MIN, y: i32::MIN });
-        for cell in map.occupied_cells() {
+        for cell in map.occupied_cells().filter(is_near) {
             low = Cell { x: low.x.min(cell.x), y: low.y.min(cell.y) };
             high = Cell { x: high.x.max(cell.x), y: high.y.max(cell.y) };
         }
@@ -47,7 +54,7 @@ impl ProximityField {
         let grids = (stride * stride) as usize;
         let mut field = Self { stride, low, columns, rows, levels: vec![0; grids * columns * rows] };
         let stamps = stamps(stride);
-        for cell in map.occupied_cells() {
+        for cell in map.occupied_cells().filter(is_near) {
             field.stamp(cell, &stamps);
         }
         field
@@ -139,7 +146,9 @@ mod tests {
             let mut map = SurfaceMap::new(cell_m);
             let scan = SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, 360), &Thinning::default());
             map.add_scan(&Pose2::IDENTITY, &scan);
-            let field = ProximityField::new(&map, stride, shifts);
+            let reached = stride * (shifts as i32 - 1);
+            let field =
+                ProximityField::new(&map, stride, shifts, [Cell { x, y }, Cell { x: x + reached, y: y + reached }]);
             let row_length = shifts.next_multiple_of(LANES);
             let mut scores = vec![0; shifts * row_length];
             field.add_shifted(Cell { x, y }, shifts, row_length, &mut scores);
@@ -153,8 +162,20 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_out_of_reach_makes_no_field_larger() {
+        let scan = SurfaceScan::new(&Walls::room().scan_from(&Pose2::IDENTITY, 360), &Thinning::default());
+        let levels = |far_m: f64| {
+            let mut map = SurfaceMap::new(0.05);
+            map.add_scan(&Pose2::IDENTITY, &scan);
+            map.add_scan(&Pose2::new(far_m, far_m, 0.0), &scan);
+            ProximityField::new(&map, 2, 13, [Cell { x: -100, y: -100 }, Cell { x: 100, y: 100 }]).levels.len()
+        };
+        assert_eq!(levels(500.0), levels(0.0));
+    }
+
+    #[test]
     fn a_map_of_nothing_is_near_to_nothing() {
-        let field = ProximityField::new(&SurfaceMap::new(0.05), 2, 13);
+        let field = ProximityField::new(&SurfaceMap::new(0.05), 2, 13, [Cell { x: 0, y: 0 }; 2]);
         let mut scores = [0; 13 * 16];
         field.add_shifted(Cell { x: 0, y: 0 }, 13, 16, &mut scores);
         assert!(scores.iter().all(|&score| score == 0));

@@ -1,6 +1,8 @@
 //! What a robot may do to its synchroniser.
 
 use super::*;
+use crate::odometry::NoReturn;
+use crate::odometry::deskew::deskewed;
 use crate::sensors::{LidarConfig, ScanGeometry, StampAt, WheelConfig};
 use crate::simulator::Arrival;
 use proptest::prelude::*;
@@ -287,22 +289,27 @@ fn a_clock_that_stands_still_fills_no_memory() {
 }
 
 #[test]
-fn a_told_motion_de_skews_where_there_is_no_odometry() {
+fn without_odometry_points_come_with_the_times_to_undo_the_motion_by() {
     let mut config = config();
     config.odometry.source = OdometrySource::ScanMatching;
     config.robot.lidar.stamp_at = StampAt::Middle;
-    let first_hit = |twist: Option<[f64; 3]>| {
-        let mut synchronizer = Synchronizer::new(&config, None).unwrap();
-        if let Some(twist) = twist {
-            synchronizer.tell_motion(twist);
-        }
+    config.scan.no_return = NoReturn::Clear;
+    let frames = |config: &Config| {
+        let mut synchronizer = Synchronizer::new(config, None).unwrap();
         synchronizer.push(scan(1.0)).unwrap();
-        let frames = synchronizer.finish().unwrap();
-        frames[0].scan.hits.iter().next().unwrap()
+        synchronizer.finish().unwrap()
     };
-    let ([x, y], [moved_x, moved_y]) = (first_hit(None), first_hit(Some([1.0, 0.0, 0.0])));
+    let skewed = frames(&config).remove(0).scan;
+    let skew = skewed.skew.clone().unwrap();
+    assert_eq!((skew.hits_s.len(), skew.free_ends_s.len()), (skewed.hits.len(), skewed.free_ends.len()));
     // The first ray is taken 10 ms before the stamp, from 10 mm behind.
+    assert!((skew.hits_s[0] + 0.01).abs() < 1e-6);
+    let still = deskewed(skewed.clone(), [1.0, 0.0, 0.0]);
+    let ([x, y], [moved_x, moved_y]) = (skewed.hits.iter().next().unwrap(), still.hits.iter().next().unwrap());
     assert!((moved_x - x + 0.01).abs() < 1e-6 && (moved_y - y).abs() < 1e-6);
+    assert_eq!(still.skew, None);
+    config.scan.deskew = false;
+    assert_eq!(frames(&config)[0].scan.skew, None);
 }
 
 #[test]
