@@ -217,14 +217,18 @@ impl PlaceGraph {
     pub fn uncertainty(&self) -> Uncertainty {
         let newest = self.in_the_world.last().copied().unwrap_or_default();
         // The way from the newest submap that the hypotheses know to the one in the making is in neither of them. Where that
-        // submap lies on known ground, it shows where that way ends.
-        let known = usize::from(self.hypotheses[0].newest_is_tied());
+        // submap lies on known ground, it shows where its last key scan was taken.
+        let mut is_known = self.hypotheses[0].newest_is_tied();
         let ended = self.submaps[self.taken..].iter().filter_map(|submap| submap.link.as_ref());
         let mut since = Uncertainty::of(self.builder.covariance());
         let mut drift = *self.builder.drift();
-        for link in ended.chain(self.builder.link()).skip(known) {
-            since = since.and(&Uncertainty::of(&link.covariance));
-            drift.add(&link.drift);
+        for link in ended.chain(self.builder.link()) {
+            if std::mem::take(&mut is_known) {
+                drift.add(&link.drift_after);
+            } else {
+                since = since.and(&Uncertainty::of(&link.covariance));
+                drift.add(&link.drift);
+            }
         }
         let stated = newest.and(&since).after(&drift);
         if self.is_suspected() { stated.and(&Uncertainty::of(&kidnapped_covariance())) } else { stated }

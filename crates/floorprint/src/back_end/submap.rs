@@ -56,6 +56,9 @@ pub struct Link {
     /// By how much the motion may be off beyond that.
     #[serde(default)]
     pub drift: Drift,
+    /// What of that comes after the last key scan of the older submap.
+    #[serde(default)]
+    pub drift_after: Drift,
     /// Length of the path, metres.
     pub path_m: f64,
 }
@@ -125,6 +128,7 @@ impl SubmapBuilder {
         self.link = Some(Link {
             previous_from_submap: submap.front_end_from_submap.between(&next.pose),
             drift: std::mem::take(&mut self.drift),
+            drift_after: next.drift,
             covariance: in_frame_of(&std::mem::take(&mut self.covariance), &next.pose),
             path_m: (self.path_m - self.start_m).max(start_m - self.start_m),
         });

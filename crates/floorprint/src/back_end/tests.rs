@@ -391,6 +391,28 @@ fn what_is_not_known_of_the_way_stays_unknown_when_a_submap_ends() {
     assert!((last_m / before_m - 1.0).abs() < 0.2, "{last_m} m at the end, {before_m} m before");
 }
 
+/// On known ground a submap shows where its last key scan was taken, not how the robot came from there to the next.
+#[test]
+fn what_is_not_known_of_the_step_into_a_submap_is_stated_at_once() {
+    let (walls, truth) = ring();
+    let key_scans = key_scans(&walls, &truth, &truth);
+    let mut closer = Closer::new(&LoopClosureConfig::default());
+    let mut steps_from_known_ground = 0;
+    for key_scan in &key_scans {
+        let doubtful = KeyScan { drift: Drift { sigma_m: 5.0, sigma_rad: 1.0 }, ..key_scan.clone() };
+        let mut after_step = Closer { places: closer.places.clone(), ..Closer::new(&LoopClosureConfig::default()) };
+        if closer.places.add(key_scan.clone(), poses_since(&key_scans, key_scan.frame)) {
+            after_step.places.add(doubtful, poses_since(&key_scans, key_scan.frame));
+            while after_step.work() {}
+            let stated = after_step.places.uncertainty();
+            assert!(stated.sigma_m > 4.99 && stated.sigma_rad > 0.99, "key scan {}: {stated:?}", key_scan.frame);
+            steps_from_known_ground += usize::from(after_step.places.hypotheses[0].newest_is_tied());
+        }
+        while closer.work() {}
+    }
+    assert!(steps_from_known_ground > 0);
+}
+
 /// What a hypothesis of a drive there and back makes of its last submap when that was compared with the first one.
 /// `compare` says what was found, given where the newer one lies on the older.
 fn accounts_of(compare: impl Fn([usize; 2], Pose2) -> Vec<Comparison>) -> Vec<Hypothesis> {
