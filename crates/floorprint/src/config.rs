@@ -188,6 +188,18 @@ mod tests {
     }
 
     #[test]
+    fn an_unknown_table_leads_to_the_nearest() {
+        assert!(error_of("[filtr]\nparticles = 5").contains("`filtr` (did you mean the table `[filter]`?)"));
+        assert!(error_of("[filter.adaptve]\nleast = 5").contains("did you mean the table `[filter.adaptive]`?"));
+        assert!(error_of("[adaptive]\nleast = 5").contains("did you mean the table `[filter.adaptive]`?"));
+        assert!(error_of("[when.alpha.mapp]\nresolution_m = 0.2").contains("did you mean the table `[map]`?"));
+        let error = Config::resolve(&[Layer::from_setting("filtr.particles=3").unwrap()]).unwrap_err().to_string();
+        assert!(error.contains("did you mean `filter.particles`?"), "{error}");
+        let error = find_options("filtr").unwrap_err().to_string();
+        assert!(error.contains("did you mean `filter`?"), "{error}");
+    }
+
+    #[test]
     fn a_value_out_of_range_says_what_is_expected() {
         assert!(error_of("filter.particles = 0").contains("my.toml:1: `filter.particles` is 0"));
         assert!(error_of("map.resolution_m = -1.0").contains("expected a number from 0.005 to 2"));

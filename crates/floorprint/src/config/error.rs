@@ -64,7 +64,7 @@ pub(super) fn did_you_mean<'a>(word: &str, candidates: impl Iterator<Item = &'a 
 }
 
 /// The candidate most like `word`; the first of equals.
-fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub(super) fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     /// Jaro-Winkler similarity below which two words have nothing to do with each other.
     const LEAST_SIMILARITY: f64 = 0.8;
     let mut best = None;

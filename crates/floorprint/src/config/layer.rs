@@ -1,6 +1,6 @@
 //! One source of settings: a preset, a file, a single setting, a calibration.
 
-use super::options::{ConfigOption, hint_for, render};
+use super::options::{ConfigOption, Wanted, hint_for, render};
 use super::{ConfigError, RobotConfig};
 use toml::{Table, Value};
 
@@ -68,7 +68,7 @@ impl Layer {
                 ("when", Value::Table(robots)) => {
                     for (robot, settings) in robots {
                         let Value::Table(settings) = settings else {
-                            return Err(self.unknown_key(&["when", robot], options, 2));
+                            return Err(self.unknown_key(&["when", robot], options, 2, Wanted::Option));
                         };
                         for (key, value) in settings {
                             self.check_value(&["when", robot, key], 2, value, options)?;
@@ -114,7 +114,14 @@ impl Layer {
         let section = format!("{key}.");
         let sets_nothing = value.as_table().is_some_and(Table::is_empty);
         if !sets_nothing && !options.iter().any(|option| option.key.starts_with(&section)) {
-            return Err(self.unknown_key(path, options, prefix));
+            return match value {
+                // A single setting has no tables: all of its key is in question.
+                Value::Table(table) if self.text.is_empty() && table.len() == 1 => table
+                    .iter()
+                    .try_for_each(|(name, value)| self.check_value(&[path, &[name]].concat(), prefix, value, options)),
+                Value::Table(_) => Err(self.unknown_key(path, options, prefix, Wanted::Table)),
+                _ => Err(self.unknown_key(path, options, prefix, Wanted::Option)),
+            };
         }
         let Value::Table(table) = value else {
             return Err(ConfigError::BadValue {
@@ -131,9 +138,9 @@ impl Layer {
         Ok(())
     }
 
-    fn unknown_key(&self, path: &[&str], options: &[ConfigOption], prefix: usize) -> ConfigError {
+    fn unknown_key(&self, path: &[&str], options: &[ConfigOption], prefix: usize, wanted: Wanted) -> ConfigError {
         let key = path[prefix.min(path.len())..].join(".");
-        let hint = hint_for(&key, options);
+        let hint = hint_for(&key, options, wanted);
         ConfigError::UnknownKey { place: self.place(path), key, hint }
     }
 

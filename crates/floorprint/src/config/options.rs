@@ -3,7 +3,7 @@
 //! An option is declared once, as a field: its doc comment is the help text, its
 //! `schemars` range is what values are checked against. The JSON schema carries both.
 
-use super::error::did_you_mean;
+use super::error::{did_you_mean, nearest};
 use super::{Config, ConfigError};
 use schemars::schema_for;
 use std::fmt;
@@ -83,22 +83,46 @@ pub fn find_options(key: &str) -> Result<Vec<ConfigOption>, ConfigError> {
         .into_iter()
         .partition(|option| option.key.strip_prefix(key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.')));
     if found.is_empty() {
-        let hint = hint_for(key, &others);
+        let hint = hint_for(key, &others, Wanted::Either);
         return Err(ConfigError::UnknownKey { place: "config".to_owned(), key: key.to_owned(), hint });
     }
     Ok(found)
 }
 
-/// What may have been meant by an unknown key: an option of the same last name in another
+/// What an unknown key should have been the name of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// An option.
+    Option,
+    /// A section, which has a table in a file.
+    Table,
+    /// Any of both.
+    Either,
+}
+
+/// What may have been meant by an unknown key: an option or section of the same last name in another
 /// section, else the one most like it.
-pub(super) fn hint_for(key: &str, options: &[ConfigOption]) -> String {
-    let last = |key: &str| key.rsplit('.').next().map(str::to_owned);
-    let namesake = options.iter().find(|option| last(&option.key) == last(key));
-    let hint = match namesake {
-        Some(option) => format!(" (did you mean `{}`?)", option.key),
-        None => did_you_mean(key, options.iter().map(|option| option.key.as_str()), '`'),
+pub(super) fn hint_for(key: &str, options: &[ConfigOption], wanted: Wanted) -> String {
+    let keys = options.iter().map(|option| option.key.as_str());
+    let sections = keys.clone().flat_map(|key| key.match_indices('.').map(|(end, _)| &key[..end]));
+    let meant = match wanted {
+        Wanted::Option => meant_by(key, keys),
+        Wanted::Either => meant_by(key, sections.chain(keys)),
+        Wanted::Table => match meant_by(key, sections) {
+            Some(section) => return format!(" (did you mean the table `[{section}]`?)"),
+            None => meant_by(key, keys),
+        },
     };
-    if hint.is_empty() { "; `floorprint config explain` lists them all".to_owned() } else { hint }
+    match meant {
+        Some(meant) => format!(" (did you mean `{meant}`?)"),
+        None => "; `floorprint config explain` lists them all".to_owned(),
+    }
+}
+
+/// The first of the same last name, else the one most like the key.
+fn meant_by<'a>(key: &str, candidates: impl Iterator<Item = &'a str> + Clone) -> Option<&'a str> {
+    let last = |key: &str| key.rsplit('.').next().map(str::to_owned);
+    candidates.clone().find(|candidate| last(candidate) == last(key)).or_else(|| nearest(key, candidates))
 }
 
 /// Appends the options below `node` of the schema `root`.
