@@ -63,6 +63,7 @@ impl Files {
 }
 
 #[derive(Args)]
+#[command(override_usage = "floorprint evaluate trajectory [OPTIONS] <TRUTH> <ESTIMATE>")]
 pub(crate) struct Trajectory {
     #[command(flatten)]
     files: Files,
@@ -89,6 +90,7 @@ enum Align {
 }
 
 #[derive(Args)]
+#[command(override_usage = "floorprint evaluate map [OPTIONS] <TRUTH> <ESTIMATE>")]
 pub(crate) struct Map {
     #[command(flatten)]
     files: Files,
@@ -104,6 +106,7 @@ pub(crate) struct Map {
 }
 
 #[derive(Args)]
+#[command(override_usage = "floorprint evaluate texture [OPTIONS] <TRUTH> <ESTIMATE>")]
 pub(crate) struct Texture {
     #[command(flatten)]
     files: Files,
@@ -116,6 +119,7 @@ pub(crate) struct Texture {
 }
 
 #[derive(Args)]
+#[command(override_usage = "floorprint evaluate relations [OPTIONS] <RELATIONS> <ESTIMATE>")]
 pub(crate) struct Relations {
     #[command(flatten)]
     files: Files,
