@@ -15,6 +15,7 @@ mod track_width;
 pub use no_return::no_return_mark_m;
 pub(crate) use readings::Readings;
 pub(crate) use scan_pair::motion_between;
+pub use silence::silences;
 
 use crate::SensorId;
 use crate::config::Config;
@@ -61,7 +62,7 @@ impl Survey {
                 track_width_m: None,
                 lag: config.robot.lag,
             },
-            findings: silence::silences(readings),
+            findings: silence::findings(readings),
         };
         if source != OdometrySource::Log && readings.has_poses_that_stand() {
             survey.findings.push(Finding::StandingOdometry);

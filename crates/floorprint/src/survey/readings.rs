@@ -131,22 +131,16 @@ impl Readings {
         sensors
     }
 
+    /// A sensor's stamps as they are, seconds.
+    pub(super) fn stamps_s(&self, sensor: Sensor) -> Vec<f64> {
+        self.stamps_s.iter().filter(|(other, _)| *other == sensor).map(|&(_, stamp_s)| stamp_s).collect()
+    }
+
     /// A sensor's records: their positions among all, and when they come if a sensor's records come in their order,
     /// seconds: never decreasing, stray stamps left out.
     pub(super) fn times_s(&self, sensor: Sensor) -> Vec<(usize, f64)> {
         let own = self.stamps_s.iter().enumerate().filter(|(_, (other, _))| *other == sensor);
-        let mut times: Vec<(usize, f64)> = own.map(|(position, &(_, stamp_s))| (position, stamp_s)).collect();
-        let mut newest_s = None;
-        for index in 0..times.len() {
-            let stamp_s = times[index].1;
-            let is_near = newest_s.is_some_and(|newest_s: f64| (stamp_s - newest_s).abs() <= LEAP_S);
-            let next_s = times.get(index + 1).map_or(stamp_s, |next| next.1);
-            if stamp_s.is_finite() && (is_near || confirms(newest_s, stamp_s, next_s)) {
-                newest_s = Some(newest_s.map_or(stamp_s, |newest_s| newest_s.max(stamp_s)));
-            }
-            times[index].1 = newest_s.unwrap_or(f64::NEG_INFINITY);
-        }
-        times
+        own.map(|(position, _)| position).zip(never_decreasing(&self.stamps_s(sensor))).collect()
     }
 
     /// The positions of all records in the order of time, each sensor's records in their own order.
@@ -188,6 +182,21 @@ impl Readings {
         }
         Ok(source)
     }
+}
+
+/// When a sensor's records with these stamps come if they come in their order, seconds: a stray stamp is that of the
+/// record before.
+pub(super) fn never_decreasing(stamps_s: &[f64]) -> Vec<f64> {
+    let mut newest_s = None;
+    let time_s = |(index, &stamp_s): (usize, &f64)| {
+        let is_near = newest_s.is_some_and(|newest_s: f64| (stamp_s - newest_s).abs() <= LEAP_S);
+        let next_s = stamps_s.get(index + 1).copied().unwrap_or(stamp_s);
+        if stamp_s.is_finite() && (is_near || confirms(newest_s, stamp_s, next_s)) {
+            newest_s = Some(newest_s.map_or(stamp_s, |newest_s| newest_s.max(stamp_s)));
+        }
+        newest_s.unwrap_or(f64::NEG_INFINITY)
+    };
+    stamps_s.iter().enumerate().map(time_s).collect()
 }
 
 #[cfg(test)]

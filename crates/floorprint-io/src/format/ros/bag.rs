@@ -10,6 +10,7 @@ use crate::data_set::{
     BagContents, DataSet, DropReason, OpenOptions, RecordedTruth, RoleChoice, TopicChoice, TopicSummary,
 };
 use crate::error::{Problem, ReadError};
+use crate::format::Format;
 use crate::images::ImageIndex;
 use crate::source::Source;
 use floorprint::sensors::{LidarConfig, RobotConfig, StampAt, StampedPose};
@@ -66,7 +67,7 @@ pub(super) fn read(source: &Source, options: &OpenOptions) -> Result<DataSet, Re
     let mut notes = roles.notes.clone();
     notes.extend(damage);
     Ok(DataSet {
-        format: FORMAT,
+        format: Format { description: recording.description(), ..FORMAT },
         robot: robot(&roles),
         records,
         images,

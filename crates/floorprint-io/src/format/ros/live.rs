@@ -6,6 +6,7 @@ use super::recording::{Messages, Recording};
 use super::{Channel, FORMAT, MessageSource as _};
 use crate::data_set::{DataSet, DropCounts, DropReason};
 use crate::error::{Problem, ReadError};
+use crate::format::Format;
 use crate::ros::LiveSession;
 use crate::ros::live_messages::{GEOMETRY_TOPIC, RECORD_TOPIC, RECORD_TYPE, RecordKind, SESSION_TOPIC};
 use floorprint::SensorId;
@@ -34,7 +35,7 @@ pub(super) fn read(path: &Path, recording: &Recording<'_>, input_hash: String) -
     let session: LiveSession =
         toml::from_str(&session).map_err(|error| wrong(format!("what the session knew is damaged: {error}")))?;
     Ok(DataSet {
-        format: FORMAT,
+        format: Format { description: "a recording of floorprint live (MCAP)", ..FORMAT },
         robot: session.robot.clone(),
         records: reader.records,
         images: None,

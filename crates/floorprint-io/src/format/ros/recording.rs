@@ -59,6 +59,28 @@ fn storage_files(folder: &FolderSource) -> Vec<PathBuf> {
 /// A recording that can be read as often as is needed.
 pub(super) struct Recording<'a> {
     parts: Vec<Part<'a>>,
+    is_folder: bool,
+}
+
+/// What holds the messages of a file.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Container {
+    Bag,
+    Mcap,
+    Database,
+}
+
+impl Container {
+    /// By a file's first bytes. What begins like none of them is searched for the records of MCAP.
+    fn of(head: &[u8]) -> Self {
+        if head.starts_with(bag1::MAGIC) {
+            Self::Bag
+        } else if head.starts_with(rosbag2::MAGIC) {
+            Self::Database
+        } else {
+            Self::Mcap
+        }
+    }
 }
 
 /// One file of a recording.
@@ -66,7 +88,7 @@ enum Part<'a> {
     /// Bytes in memory.
     Memory(&'a FileSource),
     /// A file that is read from front to back.
-    Stream { path: PathBuf, is_packed: bool },
+    Stream { path: PathBuf, is_packed: bool, container: Container },
     /// A database, which has to lie on disk unpacked.
     Database { path: PathBuf, unpacked: Option<NamedTempFile> },
 }
@@ -81,7 +103,22 @@ impl<'a> Recording<'a> {
                 storage_files(folder).iter().map(|path| Part::open(path)).collect::<Result<_, _>>()?
             }
         };
-        Ok(Self { parts })
+        Ok(Self { parts, is_folder: matches!(source, Source::Folder(_)) })
+    }
+
+    /// What kind of recording it is, in a few words.
+    pub(super) fn description(&self) -> &'static str {
+        let container = self.parts.first().map(Part::container);
+        let is_mixed = self.parts.iter().any(|part| Some(part.container()) != container);
+        match (container, self.is_folder) {
+            (None, _) => super::FORMAT.description,
+            (Some(Container::Bag), _) => "a ROS 1 bag",
+            (Some(Container::Mcap), false) => "an MCAP file",
+            (Some(Container::Database), false) => "a rosbag2 database (SQLite)",
+            (Some(_), true) if is_mixed => "a rosbag2 folder",
+            (Some(Container::Mcap), true) => "a rosbag2 folder (MCAP)",
+            (Some(Container::Database), true) => "a rosbag2 folder (SQLite)",
+        }
     }
 
     /// SHA-256 of the files.
@@ -114,8 +151,9 @@ impl Part<'_> {
             let file = File::open(path).map_err(refused)?;
             head = begins(&mut ZstdFrames::new(BufReader::new(file))).unwrap_or_default();
         }
-        if !head.starts_with(rosbag2::MAGIC) {
-            return Ok(Self::Stream { path: path.to_path_buf(), is_packed });
+        let container = Container::of(&head);
+        if container != Container::Database {
+            return Ok(Self::Stream { path: path.to_path_buf(), is_packed, container });
         }
         let unpacked = is_packed.then(|| unpack(path)).transpose().map_err(|error| {
             Problem::new(path, format!("it cannot be unpacked ({error})")).expected("a whole file packed by zstd")
@@ -130,23 +168,28 @@ impl Part<'_> {
         }
     }
 
+    fn container(&self) -> Container {
+        match self {
+            Self::Memory(file) => Container::of(file.head()),
+            Self::Stream { container, .. } => *container,
+            Self::Database { .. } => Container::Database,
+        }
+    }
+
     fn messages(&self) -> io::Result<Box<dyn MessageSource + '_>> {
         let reader: Box<dyn Read + '_> = match self {
             Self::Memory(file) => file.content(),
-            Self::Stream { path, is_packed: false } => Box::new(File::open(path)?),
-            Self::Stream { path, is_packed: true } => Box::new(ZstdFrames::new(BufReader::new(File::open(path)?))),
+            Self::Stream { path, is_packed: false, .. } => Box::new(File::open(path)?),
+            Self::Stream { path, is_packed: true, .. } => Box::new(ZstdFrames::new(BufReader::new(File::open(path)?))),
             Self::Database { path, unpacked } => {
                 let path = unpacked.as_ref().map_or(path.as_path(), NamedTempFile::path);
                 return Ok(Box::new(rosbag2::Rosbag2::new(path)));
             }
         };
-        // Its first bytes say which container it is.
-        let mut reader = reader;
-        let mut head = Vec::new();
-        (&mut reader).take(bag1::MAGIC.len() as u64).read_to_end(&mut head)?;
-        let is_bag = head.starts_with(bag1::MAGIC);
-        let whole = io::Cursor::new(head).chain(reader);
-        Ok(if is_bag { Box::new(bag1::Bag1::new(whole)) } else { Box::new(mcap::Mcap::new(whole)) })
+        Ok(match self.container() {
+            Container::Bag => Box::new(bag1::Bag1::new(reader)),
+            Container::Mcap | Container::Database => Box::new(mcap::Mcap::new(reader)),
+        })
     }
 }
 
