@@ -12,7 +12,7 @@ mod watch;
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::localize::{parse_start, read_any_map};
-use crate::map::is_session;
+use crate::map::{is_session, map_path};
 use crate::memory::{Memory, StorageWatch};
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
@@ -61,14 +61,14 @@ pub(crate) struct Arguments {
     /// Number of the drive, for folders that hold several.
     #[arg(long, value_name = "N")]
     drive: Option<u32>,
-    /// Map to localise in, which is not changed: the session.gpkg of a run, or a map.yaml of ROS.
-    #[arg(long, value_name = "MAP", conflicts_with_all = ["earlier", "session", "record", "most_mb"])]
+    /// Map to localise in, which is not changed: the folder of a run or its session.gpkg, or a map.yaml of ROS.
+    #[arg(long, value_name = "MAP", value_parser = map_path(), conflicts_with_all = ["earlier", "session", "record", "most_mb"])]
     map: Option<PathBuf>,
     /// Where the robot is in the map at the start, metres and radians; or unknown.
     #[arg(long, value_name = "X,Y,YAW", default_value = "unknown", value_parser = parse_start, requires = "map")]
     pose: Start,
-    /// Session to go on with: one trajectory, one map. The file is left as it is.
-    #[arg(long = "continue", value_name = "SESSION")]
+    /// Session to go on with: one trajectory, one map. The file is left as it is; a run's folder stands for its session.gpkg.
+    #[arg(long = "continue", value_name = "SESSION", value_parser = map_path())]
     earlier: Option<PathBuf>,
     /// Session that is gone on with where it exists, and kept up to date in place: for robots that start and stop.
     #[arg(long, value_name = "SESSION", conflicts_with = "earlier")]

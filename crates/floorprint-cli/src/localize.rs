@@ -7,7 +7,7 @@ mod update;
 use crate::config::Settings;
 use crate::figure::{Color, Figure, TRAJECTORY};
 use crate::interrupt::Interrupt;
-use crate::map::is_session;
+use crate::map::{is_session, map_path};
 use crate::number::number;
 use crate::outcome::Outcome;
 use crate::run_folder;
@@ -35,7 +35,8 @@ use update::{Found, Update};
 /// drive does not decide it, the places that are left are listed with their weights, and none is claimed.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Map: the session.gpkg of a run, or a map.yaml of ROS with its picture.
+    /// Map: the folder of a run or its session.gpkg, or a map.yaml of ROS with its picture.
+    #[arg(value_parser = map_path())]
     map: PathBuf,
     /// Data set: a file or a folder, recognised by its content.
     path: PathBuf,

@@ -2,6 +2,7 @@
 
 use crate::config::Settings;
 use crate::interrupt::Interrupt;
+use crate::map::map_path;
 use crate::mcap;
 use crate::memory::Memory;
 use crate::number::number;
@@ -34,8 +35,8 @@ pub(crate) struct Arguments {
     settings: Settings,
     #[command(flatten)]
     work: Work,
-    /// Session (session.gpkg of an earlier run) to go on with: one trajectory, one map.
-    #[arg(long = "continue", value_name = "SESSION")]
+    /// Session of an earlier run (its session.gpkg or its folder) to go on with: one trajectory, one map.
+    #[arg(long = "continue", value_name = "SESSION", value_parser = map_path())]
     earlier: Option<PathBuf>,
     /// Where the robot is at the start of a drive that goes on: where the session ended, or anywhere. Else it is taken to
     /// be where the session ended if the drive begins within seconds of it.

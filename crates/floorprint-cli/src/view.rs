@@ -5,7 +5,7 @@ use crate::live::Page;
 use crate::live::housekeeper::next_picture;
 use crate::localize::read_any_map;
 use crate::map::diff::{TOLERANCE_M, least_area_m2, maps};
-use crate::map::{Stored, is_session};
+use crate::map::{Stored, file_of, is_session};
 use crate::outcome::{BadArguments, Outcome};
 use crate::run_folder;
 use crate::session_keeper::swap;
@@ -85,15 +85,6 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
         let _ = done.send(changed);
     }
     Ok(Outcome::Fine)
-}
-
-/// The session of a run's folder, else its map; a file is itself.
-fn file_of(path: &Path) -> PathBuf {
-    if !path.is_dir() {
-        return path.to_path_buf();
-    }
-    let session = path.join("session.gpkg");
-    if session.is_file() { session } else { path.join("map.yaml") }
 }
 
 /// A session that is shown, and changed in place.

@@ -83,6 +83,20 @@ fn a_second_drive_goes_on_from_the_first_and_finds_its_place() {
 }
 
 #[test]
+fn the_folder_of_a_run_stands_for_its_session() {
+    let folder = tempfile::tempdir().unwrap();
+    let at_out = |name: &str| folder.path().join(name).display().to_string();
+    assert_eq!(floorprint(&["map", "info", &at("first")], 0), floorprint(&["map", "info", &session()], 0));
+    floorprint(&["map", "export", &at("first"), "--out", &at_out("files")], 0);
+    let found = floorprint(&["localize", &at("first"), &at("tuesday"), "--out", &at_out("found")], 0);
+    assert!(found.contains("localised"), "{found}");
+    let summary = floorprint(&["run", &at("tuesday"), "--continue", &at("first"), "--out", &at_out("second")], 0);
+    assert!(summary.contains("poses with those of the session"), "{summary}");
+    let refused = floorprint(&["map", "info", folder.path().to_str().unwrap()], 1);
+    assert!(refused.contains("session.gpkg: there is nothing"), "{refused}");
+}
+
+#[test]
 fn sessions_are_merged_without_knowing_how_they_lie() {
     let folder = tempfile::tempdir().unwrap();
     let at_out = |name: &str| folder.path().join(name).display().to_string();

@@ -1,6 +1,6 @@
 //! `floorprint map diff`.
 
-use super::{Stored, is_session};
+use super::{Stored, is_session, map_path};
 use crate::figure::{Color, Figure};
 use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
@@ -17,10 +17,12 @@ use std::path::{Path, PathBuf};
 /// Arguments of `map diff`.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// The earlier map: a session, or the YAML file of a map whose axes lie as the other's do.
+    /// The earlier map: a session or the folder of a run, or the YAML file of a map whose axes lie as the other's do.
+    #[arg(value_parser = map_path())]
     before: PathBuf,
     /// The later map. A session that goes on from the earlier one is compared by what its new drives saw; another session is
     /// first looked for on the earlier one.
+    #[arg(value_parser = map_path())]
     after: PathBuf,
     /// Folder for diff.geojson and diff.png, which is made.
     #[arg(long, value_name = "DIR")]

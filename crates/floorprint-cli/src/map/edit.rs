@@ -1,6 +1,6 @@
 //! `floorprint map crop`, `erase` and `rotate`: the session stays, a changed copy is written.
 
-use super::{Stored, ensure_free};
+use super::{Stored, ensure_free, map_path};
 use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
 use anyhow::Context as _;
@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 /// Arguments of `map crop`.
 #[derive(Args)]
 pub(crate) struct Crop {
-    /// Session file.
+    /// Session file, or the folder of the run that left it.
+    #[arg(value_parser = map_path())]
     session: PathBuf,
     /// Corners of the polygon in the map's frame, metres: "x,y x,y x,y"; two are opposite corners of a rectangle.
     #[arg(long, value_name = "CORNERS", value_parser = polygon, allow_hyphen_values = true)]
@@ -28,7 +29,8 @@ pub(crate) struct Crop {
 /// Arguments of `map erase`.
 #[derive(Args)]
 pub(crate) struct Erase {
-    /// Session file.
+    /// Session file, or the folder of the run that left it.
+    #[arg(value_parser = map_path())]
     session: PathBuf,
     /// Corners of a polygon in the map's frame, metres: "x,y x,y x,y"; two are opposite corners of a rectangle. May be
     /// given several times.
@@ -42,7 +44,8 @@ pub(crate) struct Erase {
 /// Arguments of `map rotate`.
 #[derive(Args)]
 pub(crate) struct Rotate {
-    /// Session file.
+    /// Session file, or the folder of the run that left it.
+    #[arg(value_parser = map_path())]
     session: PathBuf,
     /// Angle, degrees, counter-clockwise [default: the least one after which most walls run along the axes].
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]

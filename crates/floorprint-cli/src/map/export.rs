@@ -1,6 +1,6 @@
 //! `floorprint map export`.
 
-use super::Stored;
+use super::{Stored, map_path};
 use crate::figure::Figure;
 use crate::outcome::Outcome;
 use crate::terminal::Terminal;
@@ -17,7 +17,8 @@ use std::path::PathBuf;
 /// Arguments of `map export`.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Session file.
+    /// Session file, or the folder of the run that left it.
+    #[arg(value_parser = map_path())]
     session: PathBuf,
     /// Folder for the files, which is made.
     #[arg(long, value_name = "DIR")]

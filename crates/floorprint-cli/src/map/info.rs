@@ -1,6 +1,6 @@
 //! `floorprint map info`.
 
-use super::Stored;
+use super::{Stored, map_path};
 use crate::outcome::Outcome;
 use crate::terminal::Terminal;
 use clap::Args;
@@ -12,7 +12,8 @@ use std::path::PathBuf;
 /// Arguments of `map info`.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Session file.
+    /// Session file, or the folder of the run that left it.
+    #[arg(value_parser = map_path())]
     session: PathBuf,
 }
 

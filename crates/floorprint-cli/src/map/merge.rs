@@ -1,6 +1,6 @@
 //! `floorprint map merge`.
 
-use super::{Placement, Stored, ensure_free};
+use super::{Placement, Stored, ensure_free, map_path};
 use crate::outcome::Outcome;
 use crate::terminal::Terminal;
 use anyhow::Context as _;
@@ -11,9 +11,11 @@ use std::path::PathBuf;
 /// Arguments of `map merge`.
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// Session that stays where it is.
+    /// Session that stays where it is: a file, or the folder of the run that left it.
+    #[arg(value_parser = map_path())]
     first: PathBuf,
     /// Session that is looked for on it.
+    #[arg(value_parser = map_path())]
     second: PathBuf,
     /// Session file to write.
     #[arg(long, value_name = "SESSION")]

@@ -10,6 +10,7 @@ use crate::outcome::{BadArguments, Outcome};
 use crate::terminal::Terminal;
 use anyhow::{Context as _, anyhow, ensure};
 use clap::Subcommand;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use floorprint::Slam;
 use floorprint::config::{Config, Layer};
 use floorprint::map::{Occupancy, OccupancyGrid, Raster};
@@ -17,7 +18,7 @@ use floorprint::session::{Region, Session, SessionError};
 use floorprint::texture::TextureMap;
 use floorprint_io::{ANNOTATIONS, Annotations, Layers, SessionFile};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Look into session files, take maps out of them, change them, put them together, compare them.
 #[derive(Subcommand)]
@@ -216,6 +217,20 @@ fn put_together(first: Session, second: &Session, config: &Config) -> Result<(Se
 
 fn occupied_m2(map: &Raster<Occupancy>) -> f64 {
     map.cells.iter().filter(|&&cell| cell == Occupancy::Occupied).count() as f64 * map.resolution_m.powi(2)
+}
+
+/// Takes the path of a map from the command line: a run's folder stands for what lies in it.
+pub(crate) fn map_path() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().map(|path| file_of(&path))
+}
+
+/// The session of a run's folder, or its map where it left no session; a file is itself.
+pub(crate) fn file_of(path: &Path) -> PathBuf {
+    if !path.is_dir() {
+        return path.to_path_buf();
+    }
+    let [session, map] = ["session.gpkg", "map.yaml"].map(|name| path.join(name));
+    if map.is_file() && !session.is_file() { map } else { session }
 }
 
 /// Whether a file is called as sessions are.
