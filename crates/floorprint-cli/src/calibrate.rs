@@ -2,7 +2,7 @@
 
 use crate::config::Settings;
 use crate::outcome::Outcome;
-use crate::terminal::{HEADING, Terminal};
+use crate::terminal::{HEADING, Terminal, prose};
 use crate::topics::Topics;
 use anyhow::Context as _;
 use clap::Args;
@@ -100,16 +100,16 @@ fn write_table(out: &mut impl std::io::Write, calibration: &Calibration) -> anyh
         }
     }
     for advice in advice {
-        writeln!(out, "to have the rest told, {advice}")?;
+        writeln!(out, "{}", prose(&format!("to have the rest told, {advice}"), 0))?;
     }
     let [residual_m, residual_rad] = calibration.residual;
-    writeln!(
-        out,
+    let compared = format!(
         "compared over {} stretches of up to a metre or 40°; they differ by {:.1} mm and {:.2}° (standard deviations)",
         calibration.stretches,
         1000.0 * residual_m,
         residual_rad.to_degrees()
-    )?;
+    );
+    writeln!(out, "{}", prose(&compared, 0))?;
     Ok(())
 }
 

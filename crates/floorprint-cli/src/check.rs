@@ -2,7 +2,7 @@
 
 use crate::config::Settings;
 use crate::outcome::Outcome;
-use crate::terminal::{HEADING, Terminal};
+use crate::terminal::{HEADING, Terminal, prose};
 use crate::topics::Topics;
 use anyhow::{anyhow, bail};
 use clap::Args;
@@ -124,7 +124,7 @@ fn check_all(
                 _ => print(&findings, &drive.arguments(), true, out)?,
             }
             if let Some(error) = &error {
-                writeln!(out, "{HEADING}error{HEADING:#}: {error}")?;
+                writeln!(out, "{}", prose(&format!("{HEADING}error{HEADING:#}: {error}"), 0))?;
             }
         }
         all.push(CheckedDrive { drive, findings, error });
@@ -142,9 +142,9 @@ fn print(told: &[Told], name: &str, is_one_of_several: bool, out: &mut impl Writ
         writeln!(out, "{HEADING}{name}{HEADING:#}")?;
     }
     for Told { severity, evidence, effect, remedy, .. } in told {
-        writeln!(out, "{HEADING}{}{HEADING:#}: {evidence}", word(*severity))?;
-        writeln!(out, "  effect: {effect}")?;
-        writeln!(out, "  remedy: {remedy}")?;
+        writeln!(out, "{}", prose(&format!("{HEADING}{}{HEADING:#}: {evidence}", word(*severity)), 0))?;
+        writeln!(out, "  {}", prose(&format!("effect: {effect}"), 2))?;
+        writeln!(out, "  {}", prose(&format!("remedy: {remedy}"), 2))?;
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! `floorprint config`: the configuration shown and explained.
 
 use crate::outcome::{BadArguments, Outcome};
-use crate::terminal::{HEADING, Terminal};
+use crate::terminal::{HEADING, Terminal, prose};
 use clap::{Args, Subcommand};
 use floorprint::Config;
 use floorprint::config::{ConfigError, ConfigOption, Kind, Layer, Preset, find_options, json_schema, options};
@@ -104,7 +104,7 @@ fn preset_tables() -> Result<Vec<(Preset, Table)>, ConfigError> {
 
 fn explain(out: &mut impl Write, option: &ConfigOption, presets: &[(Preset, Table)]) -> anyhow::Result<()> {
     writeln!(out, "{HEADING}{}{HEADING:#}", option.key)?;
-    writeln!(out, "    {}", option.description)?;
+    writeln!(out, "    {}", prose(&option.description, 4))?;
     match &option.kind {
         Kind::Choice(choices) => {
             for choice in choices {

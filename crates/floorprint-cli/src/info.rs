@@ -2,13 +2,16 @@
 
 use crate::number::number;
 use crate::outcome::Outcome;
-use crate::terminal::{HEADING, Terminal};
+use crate::terminal::{HEADING, Terminal, prose};
 use crate::topics::Topics;
 use anyhow::bail;
 use clap::Args;
+use floorprint::SensorId;
 use floorprint::sensors::{Ray, Record, RobotConfig, Scan};
+use floorprint::survey::silences;
 use floorprint_io::{DataSet, DriveEntry, RoleChoice, TopicSummary, drives, open};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -92,14 +95,14 @@ struct Info {
 /// One sensor's readings.
 #[derive(Serialize)]
 struct Stream {
-    sensor: &'static str,
+    sensor: String,
     readings: usize,
     first_stamp_s: f64,
     last_stamp_s: f64,
     /// Readings over the span; some sensors pause, so the median interval would say less.
     rate_hz: f64,
     largest_gap_s: f64,
-    /// Intervals longer than three mean ones.
+    /// How often it fell silent, as the notes of a run count it.
     gaps: usize,
     /// Readings stamped before their predecessor.
     backwards: usize,
@@ -115,6 +118,8 @@ struct Lidar {
     /// Shares over all rays of all scans.
     hit_share: f64,
     no_return_share: f64,
+    /// Rays that say nothing: no number, or nearer than the LiDAR measures.
+    invalid_share: f64,
     /// Scans that have another number of rays than the first.
     scans_of_other_size: usize,
 }
@@ -131,23 +136,32 @@ impl Info {
         let stamps = |wanted: fn(&Record) -> bool| -> Vec<f64> {
             data_set.records.iter().filter(|record| wanted(record)).map(Record::stamp_s).collect()
         };
-        let mut streams = vec![
-            ("LiDAR", stamps(|record| matches!(record, Record::Scan(_)))),
-            ("encoders", stamps(|record| matches!(record, Record::Encoders(_)))),
-            ("IMU", stamps(|record| matches!(record, Record::Imu(_)))),
-            ("odometry", stamps(|record| matches!(record, Record::Odometry(_)))),
-            ("odometry of scans", stamps(|record| matches!(record, Record::Scan(scan) if scan.odometry.is_some()))),
-        ];
+        let mut lidars: BTreeMap<SensorId, Vec<f64>> = BTreeMap::new();
+        for scan in data_set.scans() {
+            lidars.entry(scan.sensor).or_default().push(scan.stamp_s);
+        }
+        let name = |index: usize| if lidars.len() > 1 { format!("LiDAR {}", index + 1) } else { "LiDAR".to_owned() };
+        let mut streams: Vec<(String, Vec<f64>)> =
+            lidars.values().enumerate().map(|(index, stamps_s)| (name(index), stamps_s.clone())).collect();
+        streams.extend([
+            ("encoders".to_owned(), stamps(|record| matches!(record, Record::Encoders(_)))),
+            ("IMU".to_owned(), stamps(|record| matches!(record, Record::Imu(_)))),
+            ("odometry".to_owned(), stamps(|record| matches!(record, Record::Odometry(_)))),
+            (
+                "odometry of scans".to_owned(),
+                stamps(|record| matches!(record, Record::Scan(scan) if scan.odometry.is_some())),
+            ),
+        ]);
         if let Some(images) = &data_set.images {
-            streams.push(("depth images", images.depth.iter().map(|image| image.stamp_s).collect()));
-            streams.push(("colour images", images.color.iter().map(|image| image.stamp_s).collect()));
+            streams.push(("depth images".to_owned(), images.depth.iter().map(|image| image.stamp_s).collect()));
+            streams.push(("colour images".to_owned(), images.color.iter().map(|image| image.stamp_s).collect()));
         }
         Self {
             format: data_set.format.description,
             sha256: data_set.input_hash.clone(),
             topics: data_set.bag.as_ref().map_or_else(Vec::new, |bag| bag.topics.clone()),
             roles: data_set.bag.as_ref().map_or_else(Vec::new, |bag| bag.roles.clone()),
-            sensors: streams.iter().filter_map(|(sensor, stamps)| Stream::of(sensor, stamps)).collect(),
+            sensors: streams.into_iter().filter_map(|(sensor, stamps_s)| Stream::of(sensor, &stamps_s)).collect(),
             lidar: Lidar::of(data_set.scans()),
             calibration: data_set.robot.clone(),
             dropped: data_set
@@ -182,24 +196,30 @@ impl Info {
             )?;
         }
         if let Some(lidar) = &self.lidar {
-            writeln!(
-                out,
-                "\n{HEADING}LiDAR{HEADING:#} {} rays over {:.1}°, {}; {:.1} % of the rays hit something, {:.1} % came back empty",
+            let rays = format!(
+                "{HEADING}LiDAR{HEADING:#} {} rays over {:.1}°, {}; {:.1} % of the rays hit something, {:.1} % came back \
+                 empty, {:.1} % say nothing: no number, or nearer than the LiDAR measures",
                 lidar.rays,
                 lidar.field_of_view_deg,
                 ranges_in_words(lidar.range_min_m, lidar.range_max_m),
                 100.0 * lidar.hit_share,
-                100.0 * lidar.no_return_share
-            )?;
+                100.0 * lidar.no_return_share,
+                100.0 * lidar.invalid_share
+            );
+            writeln!(out, "\n{}", prose(&rays, 0))?;
             if lidar.scans_of_other_size > 0 {
                 writeln!(out, "scans with another number of rays: {}", lidar.scans_of_other_size)?;
             }
         }
         for dropped in &self.dropped {
-            writeln!(out, "{HEADING}dropped{HEADING:#} {} {}", dropped.count, dropped.reason)?;
+            writeln!(
+                out,
+                "{HEADING}dropped{HEADING:#} {}",
+                prose(&format!("{} {}", dropped.count, dropped.reason), 8)
+            )?;
         }
         for note in &self.notes {
-            writeln!(out, "{HEADING}note{HEADING:#} {note}")?;
+            writeln!(out, "{}", prose(&format!("{HEADING}note{HEADING:#} {note}"), 0))?;
         }
         writeln!(out, "\n{HEADING}calibration{HEADING:#}")?;
         for line in toml::to_string(&self.calibration)?.lines() {
@@ -234,7 +254,7 @@ impl Info {
         }
         writeln!(out)?;
         for RoleChoice { role, what, reason } in &self.roles {
-            writeln!(out, "{HEADING}{role:<10}{HEADING:#} {what}: {reason}")?;
+            writeln!(out, "{HEADING}{role:<10}{HEADING:#} {}", prose(&format!("{what}: {reason}"), 11))?;
         }
         writeln!(out)?;
         Ok(())
@@ -243,7 +263,7 @@ impl Info {
 
 impl Stream {
     /// `None` for a sensor that delivered nothing.
-    fn of(sensor: &'static str, stamps_s: &[f64]) -> Option<Self> {
+    fn of(sensor: String, stamps_s: &[f64]) -> Option<Self> {
         let steps: Vec<f64> = stamps_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let (first_stamp_s, last_stamp_s) = (*stamps_s.first()?, *stamps_s.last()?);
         let mean_s = (last_stamp_s - first_stamp_s) / steps.len().max(1) as f64;
@@ -254,7 +274,7 @@ impl Stream {
             last_stamp_s,
             rate_hz: if mean_s > 0.0 { 1.0 / mean_s } else { 0.0 },
             largest_gap_s: steps.iter().copied().fold(0.0, f64::max),
-            gaps: steps.iter().filter(|&&step| step > 3.0 * mean_s).count(),
+            gaps: silences(stamps_s).len(),
             backwards: steps.iter().filter(|&&step| step < 0.0).count(),
         })
     }
@@ -284,22 +304,23 @@ impl Lidar {
             range_max_m: first.geometry.range_max_m,
             hit_share: 0.0,
             no_return_share: 0.0,
+            invalid_share: 0.0,
             scans_of_other_size: 0,
         };
-        let (mut rays, mut hits, mut no_returns) = (0_usize, 0_usize, 0_usize);
+        let (mut hits, mut no_returns, mut invalid) = (0_usize, 0_usize, 0_usize);
         for scan in scans {
             lidar.scans_of_other_size += usize::from(scan.ranges_m.len() != lidar.rays);
-            rays += scan.ranges_m.len();
             for &range_m in &scan.ranges_m {
                 match scan.geometry.classify(range_m) {
                     Ray::Hit(_) => hits += 1,
                     Ray::NoReturn => no_returns += 1,
-                    Ray::Invalid => {}
+                    Ray::Invalid => invalid += 1,
                 }
             }
         }
-        lidar.hit_share = hits as f64 / rays.max(1) as f64;
-        lidar.no_return_share = no_returns as f64 / rays.max(1) as f64;
+        let share = |count: usize| count as f64 / (hits + no_returns + invalid).max(1) as f64;
+        (lidar.hit_share, lidar.no_return_share, lidar.invalid_share) =
+            (share(hits), share(no_returns), share(invalid));
         Some(lidar)
     }
 }
@@ -310,11 +331,13 @@ mod tests {
 
     #[test]
     fn rates_gaps_and_steps_back_are_seen() {
-        let stream = Stream::of("LiDAR", &[0.0, 0.1, 0.2, 0.15, 0.25, 1.25]).unwrap();
-        assert!((stream.rate_hz - 4.0).abs() < 1e-9);
+        let stream = Stream::of("LiDAR".to_owned(), &[0.0, 0.1, 0.2, 0.15, 0.25, 1.5]).unwrap();
+        assert!((stream.rate_hz - 5.0 / 1.5).abs() < 1e-9);
         assert_eq!((stream.gaps, stream.backwards, stream.readings), (1, 1, 6));
-        assert!((stream.largest_gap_s - 1.0).abs() < 1e-9);
-        assert!(Stream::of("IMU", &[]).is_none());
+        assert!((stream.largest_gap_s - 1.25).abs() < 1e-9);
+        let stream = Stream::of("LiDAR".to_owned(), &[0.0, 0.1, 0.2, 0.3, 0.4, 1.3]).unwrap();
+        assert_eq!(stream.gaps, 0, "as the notes of a run count it");
+        assert!(Stream::of("IMU".to_owned(), &[]).is_none());
     }
 
     #[test]

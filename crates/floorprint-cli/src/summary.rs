@@ -1,7 +1,7 @@
 //! What a run ends with on the terminal: a short table and where to look.
 
 use crate::report::Report;
-use crate::terminal::{HEADING, width, wrapped};
+use crate::terminal::{HEADING, prose};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -19,9 +19,7 @@ pub(crate) fn counted(count: usize, thing: &str) -> String {
 /// Prints the summary of a run whose results lie in `folder`.
 pub(crate) fn print(out: &mut impl Write, report: &Report, folder: &Path) -> io::Result<()> {
     let drive = &report.drive;
-    let width = width().unwrap_or(usize::MAX);
-    let mut line =
-        |name: &str, text: String| writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", wrapped(&text, NAME, width));
+    let mut line = |name: &str, text: String| writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", prose(&text, NAME));
     let poses = if drive.poses > drive.scans && report.map.is_some() {
         format!(
             "{} with those of the session, {} of them new",

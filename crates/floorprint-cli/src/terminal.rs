@@ -4,6 +4,7 @@
 
 use crate::outcome::{BadArguments, Outcome};
 use crate::watcher::Watcher;
+use anstream::adapter::strip_str;
 use anstyle::{AnsiColor, Style};
 use floorprint::config::ConfigError;
 use floorprint::odometry::OdometryError;
@@ -127,18 +128,34 @@ fn in_words(per_second: f64) -> String {
     format!("{per_second:.digits$}/s")
 }
 
-/// Columns of the terminal that results go to; `None` where they go elsewhere.
-pub(crate) fn width() -> Option<usize> {
-    terminal_size::terminal_size_of(io::stdout()).map(|(width, _)| usize::from(width.0))
+/// Columns of the terminal that results go to; without end where they go elsewhere.
+fn width_of_results() -> usize {
+    terminal_size::terminal_size_of(io::stdout()).map_or(usize::MAX, |(width, _)| usize::from(width.0))
+}
+
+/// Prose among the results, broken between words to fit the terminal and in one line where it goes elsewhere; all lines
+/// but the first begin with `indent` blanks, for which the first has room to spare.
+pub(crate) fn prose(text: &str, indent: usize) -> String {
+    wrapped(text, indent, width_of_results())
+}
+
+/// Markdown whose paragraphs are broken to fit the terminal; tables keep their lines.
+pub(crate) fn markdown(text: &str) -> String {
+    let width = width_of_results();
+    let fitted = |line: &str| if line.starts_with('|') { line.to_owned() } else { wrapped(line, 0, width) };
+    text.split('\n').map(fitted).collect::<Vec<_>>().join("\n")
 }
 
 /// The text in lines of at most `width` columns, broken between words; all but the first begin with `indent`
 /// blanks, for which the first has room to spare. A longer word has a line of its own.
-pub(crate) fn wrapped(text: &str, indent: usize, width: usize) -> String {
+fn wrapped(text: &str, indent: usize, width: usize) -> String {
+    if indent.saturating_add(columns(text)) <= width {
+        return text.to_owned();
+    }
     let mut lines = String::new();
     let mut column = indent;
     for word in text.split(' ') {
-        let length = word.chars().count();
+        let length = columns(word);
         if column > indent && column + 1 + length > width {
             lines.push('\n');
             lines.push_str(&" ".repeat(indent));
@@ -153,9 +170,17 @@ pub(crate) fn wrapped(text: &str, indent: usize, width: usize) -> String {
     lines
 }
 
-/// Writes a line to stderr. Where even that is impossible, nobody is left to be told.
+/// Columns that a text takes: styles take none.
+fn columns(text: &str) -> usize {
+    strip_str(text).map(|part| part.chars().count()).sum()
+}
+
+/// Writes prose to stderr, broken to fit the terminal there. Where even that is impossible, nobody is left to be told.
 fn report(text: &str) {
-    let _ = writeln!(anstream::stderr(), "{text}");
+    let width = terminal_size::terminal_size_of(io::stderr()).map_or(usize::MAX, |(width, _)| usize::from(width.0));
+    for line in text.split('\n') {
+        let _ = writeln!(anstream::stderr(), "{}", wrapped(line, 0, width));
+    }
 }
 
 #[cfg(test)]
@@ -170,6 +195,11 @@ mod tests {
         );
         assert_eq!(wrapped("a/very/long/path/that/has/no/blank b", 2, 10), "a/very/long/path/that/has/no/blank\n  b");
         assert_eq!(wrapped("", 2, 10), "");
+        assert_eq!(wrapped("  what fits stays", 0, 17), "  what fits stays");
+        assert_eq!(
+            wrapped(&format!("{ERROR}error{ERROR:#}: no scan"), 0, 14),
+            format!("{ERROR}error{ERROR:#}: no scan")
+        );
     }
 
     #[test]

@@ -128,6 +128,35 @@ fn a_drive_becomes_a_folder_with_everything_in_it() {
     assert_eq!(loops["candidates"].as_array().unwrap().len() as u64, counted);
 }
 
+/// Where `script` stands in for a terminal of 60 columns.
+#[test]
+fn prose_is_broken_to_fit_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("standing.clf");
+    fs::write(&log, standing_log("1.0")).unwrap();
+    let program = env!("CARGO_BIN_EXE_floorprint");
+    for command in [
+        format!("info {}", log.display()),
+        "run nothing/lies/here --out o".to_owned(),
+        "config explain map".to_owned(),
+        "bench --world rooms --lidar nothing --set filter.particels=3".to_owned(),
+    ] {
+        let shell = format!("stty rows 40 cols 60; cd '{}'; '{program}' {command}", folder.path().display());
+        let Ok(output) = Command::new("script").args(["-qec", &shell, "/dev/null"]).env("NO_COLOR", "1").output()
+        else {
+            println!("skipped: there is no `script`");
+            return;
+        };
+        let printed = text(&output.stdout).replace('\r', "");
+        let is_table =
+            |line: &&str| line.starts_with("sensor ") || line.starts_with("LiDAR  ") || line.starts_with("odometry ");
+        for line in printed.lines().filter(|line| !is_table(line) && line.contains(' ')) {
+            assert!(line.chars().count() <= 60, "{command}: {line}");
+        }
+        assert!(printed.lines().count() > 1, "{printed}");
+    }
+}
+
 #[test]
 fn the_results_are_the_same_bytes_for_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();

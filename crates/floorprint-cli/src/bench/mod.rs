@@ -27,7 +27,7 @@ use crate::number::number;
 use crate::outcome::{BadArguments, Outcome};
 use crate::program::Program;
 use crate::stopwatch::children_cpu_time_s;
-use crate::terminal::Terminal;
+use crate::terminal::{self, Terminal};
 use crate::topics::Topics;
 use anyhow::{Context as _, bail};
 use clap::Args;
@@ -258,7 +258,7 @@ pub(crate) fn execute(arguments: &Arguments, terminal: &Terminal) -> anyhow::Res
     progress.finish_and_clear();
     let markdown = benchmark.write(arguments)?;
     if !terminal.is_quiet() {
-        terminal.results().write_all(markdown.as_bytes())?;
+        terminal.results().write_all(terminal::markdown(&markdown).as_bytes())?;
     }
     if benchmark.interrupted {
         terminal.warn("stopped before its end: the table holds the runs so far");

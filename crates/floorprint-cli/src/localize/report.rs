@@ -5,7 +5,7 @@ use super::update::Listed;
 use crate::report::Made;
 use crate::stopwatch::{ScanCost, ScanTimes, peak_memory_bytes};
 use crate::summary::counted;
-use crate::terminal::{HEADING, width, wrapped};
+use crate::terminal::{HEADING, prose};
 use floorprint::Config;
 use floorprint::evaluation::{ErrorStatistics, PoseError, StampIndex};
 use floorprint::geometry::Pose2;
@@ -302,10 +302,8 @@ impl Report {
     /// Prints the summary of a localization whose results lie in `folder`.
     pub(super) fn print(&self, out: &mut impl Write, folder: &Path) -> io::Result<()> {
         const NAME: usize = 12;
-        let width = width().unwrap_or(usize::MAX);
-        let mut line = |name: &str, text: String| {
-            writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", wrapped(&text, NAME, width))
-        };
+        let mut line =
+            |name: &str, text: String| writeln!(out, "{HEADING}{name:<NAME$}{HEADING:#}{}", prose(&text, NAME));
         line("drive", format!("{:.1} m in {:.1} s, {}", self.length_m, self.duration_s, counted(self.scans, "scan")))?;
         line("map", format!("{:.0} m² free", self.map_free_m2))?;
         match &self.found {

@@ -17,6 +17,7 @@ use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::outcome::Outcome;
 use crate::program::Program;
+use crate::terminal;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -135,7 +136,8 @@ fn run(count: u64, options: &Options, around: &Surroundings<'_>) -> anyhow::Resu
     write_file(&around.out.join("gauntlet.json"), json.as_bytes())?;
     let page = page::page(&results, &pictures, around.preset);
     write_file(&around.out.join("gauntlet.html"), page.as_bytes())?;
-    terminal.results().write_all(if around.drives.json { json.as_bytes() } else { markdown.as_bytes() })?;
+    let printed = if around.drives.json { json } else { terminal::markdown(&markdown) };
+    terminal.results().write_all(printed.as_bytes())?;
     if results.interrupted {
         terminal.warn("stopped before its end: these are the drives so far");
         return Ok(Outcome::Interrupted);

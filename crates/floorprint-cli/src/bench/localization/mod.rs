@@ -13,6 +13,7 @@ use crate::config::Settings;
 use crate::interrupt::Interrupt;
 use crate::outcome::Outcome;
 use crate::program::Program;
+use crate::terminal;
 use anyhow::{Context as _, bail};
 use case::Case;
 use clap::Args;
@@ -91,7 +92,7 @@ fn run(count: u64, around: &Surroundings<'_>) -> anyhow::Result<Outcome> {
     let json = serde_json::to_string_pretty(&results)? + "\n";
     let [table, figures] = ["localization.md", "localization.json"].map(|name| around.out.join(name));
     write_files(&[(table.as_path(), markdown.as_bytes()), (figures.as_path(), json.as_bytes())])?;
-    let printed = if around.drives.json { &json } else { &markdown };
+    let printed = if around.drives.json { json } else { terminal::markdown(&markdown) };
     around.terminal.results().write_all(printed.as_bytes())?;
     if results.interrupted {
         around.terminal.warn("stopped before its end: these are the cases so far");
