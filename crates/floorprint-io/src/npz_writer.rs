@@ -3,7 +3,7 @@
 //! Source: numpy.lib.format, "NPY format", version 1.0.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
@@ -34,13 +34,68 @@ impl Element for i16 {
 
 /// An archive that arrays are added to.
 pub(crate) struct NpzWriter {
-    archive: ZipWriter<BufWriter<File>>,
+    archive: ZipWriter<UntilFailure<BufWriter<File>>>,
+}
+
+/// Hands on what is written until that fails once; from then on all is taken and goes nowhere. An archive that is given
+/// up writes its directory all the same, and would say on stderr that it cannot.
+struct UntilFailure<W> {
+    writer: W,
+    /// Where in the file the next byte would lie, bytes, once something failed.
+    failed_at: Option<u64>,
+}
+
+impl<W: Write + Seek> UntilFailure<W> {
+    fn new(writer: W) -> Self {
+        Self { writer, failed_at: None }
+    }
+
+    /// Passes a result on, and remembers a failure.
+    fn noted<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
+        if result.is_err() {
+            self.failed_at = Some(0);
+        }
+        result
+    }
+}
+
+impl<W: Write + Seek> Write for UntilFailure<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if let Some(at) = &mut self.failed_at {
+            *at += bytes.len() as u64;
+            return Ok(bytes.len());
+        }
+        let written = self.writer.write(bytes);
+        self.noted(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        if self.failed_at.is_some() {
+            return Ok(());
+        }
+        let flushed = self.writer.flush();
+        self.noted(flushed)
+    }
+}
+
+impl<W: Write + Seek> Seek for UntilFailure<W> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        if let Some(at) = &mut self.failed_at {
+            *at = match to {
+                SeekFrom::Start(position) => position,
+                SeekFrom::Current(offset) | SeekFrom::End(offset) => at.saturating_add_signed(offset),
+            };
+            return Ok(*at);
+        }
+        let position = self.writer.seek(to);
+        self.noted(position)
+    }
 }
 
 impl NpzWriter {
     /// An empty archive in the file at `path`.
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { archive: ZipWriter::new(BufWriter::new(File::create(path)?)) })
+        Ok(Self { archive: ZipWriter::new(UntilFailure::new(BufWriter::new(File::create(path)?))) })
     }
 
     /// Adds an array whose first axis runs fastest: a matrix is given column by column.
@@ -63,7 +118,7 @@ impl NpzWriter {
 
     /// Writes the archive's directory.
     pub(crate) fn finish(self) -> io::Result<()> {
-        self.archive.finish()?.into_inner()?.sync_all()
+        self.archive.finish()?.writer.into_inner()?.sync_all()
     }
 }
 
@@ -79,4 +134,46 @@ fn header(description: &str, shape: &[usize]) -> Vec<u8> {
     bytes.extend((text.len() as u16).to_le_bytes());
     bytes.extend(text.bytes());
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Cursor;
+
+    /// A disk with room for so many bytes.
+    struct Disk<'a>(Cursor<&'a mut [u8]>);
+
+    impl Write for Disk<'_> {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            match self.0.write(bytes)? {
+                0 if !bytes.is_empty() => Err(io::ErrorKind::StorageFull.into()),
+                written => Ok(written),
+            }
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Seek for Disk<'_> {
+        fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+            self.0.seek(to)
+        }
+    }
+
+    #[test]
+    fn an_archive_on_a_full_disk_says_so_once() {
+        for room in [0, 10, 100, 1000] {
+            let mut bytes = vec![0; room];
+            let mut archive = ZipWriter::new(UntilFailure::new(Disk(Cursor::new(&mut bytes))));
+            let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
+            let started = archive.start_file("a.npy", options);
+            let failure = started.err().map(io::Error::from).or_else(|| archive.write_all(&[7; 2000]).err());
+            assert_eq!(failure.map(|failure| failure.kind()), Some(io::ErrorKind::StorageFull), "room for {room}");
+            // What it does when it is dropped: a failure would be printed.
+            archive.finish().unwrap();
+        }
+    }
 }
