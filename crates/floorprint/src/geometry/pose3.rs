@@ -39,8 +39,10 @@ impl Mount {
     #[must_use]
     pub fn of(body_from_sensor: &Pose3) -> Self {
         let rotation = Rotation3::from_matrix_unchecked(body_from_sensor.rotation);
+        // No zero has a sign: a pitch of -0.0 puzzles whoever reads it.
         let (roll_rad, pitch_rad, yaw_rad) = rotation.euler_angles();
-        let [x_m, y_m, z_m] = body_from_sensor.translation_m.into();
+        let [roll_rad, pitch_rad, yaw_rad] = [roll_rad, pitch_rad, yaw_rad].map(|angle_rad| angle_rad + 0.0);
+        let [x_m, y_m, z_m] = body_from_sensor.translation_m.map(|metres| metres + 0.0).into();
         Self { x_m, y_m, z_m, roll_rad, pitch_rad, yaw_rad }
     }
 }
@@ -103,6 +105,16 @@ impl Pose3 {
 mod tests {
     use super::*;
     use std::f64::consts::PI;
+
+    #[test]
+    fn no_zero_of_a_mount_has_a_sign() {
+        let level = Mount::of(&Pose3 { translation_m: Vector3::new(-0.0, 0.0, 0.0), ..Pose3::identity() });
+        let Mount { x_m, y_m, z_m, roll_rad, pitch_rad, yaw_rad } = level;
+        assert!(
+            [x_m, y_m, z_m, roll_rad, pitch_rad, yaw_rad].iter().all(|number| number.is_sign_positive()),
+            "{level:?}"
+        );
+    }
 
     #[test]
     fn an_upside_down_lidar_sees_left_as_right() {

@@ -21,7 +21,7 @@ impl RobotConfig {
             name: "ece276a".to_owned(),
             lidar: LidarConfig {
                 mount: Mount { x_m: 0.13323, z_m: 0.51435 + AXLE_HEIGHT_M, ..Mount::default() },
-                sweep_duration_s: 0.75 * 0.025,
+                sweep_duration_s: 0.01875,
                 stamp_at: StampAt::Middle,
             },
             wheels: Some(WheelConfig { left_m_per_tick: 0.0022, right_m_per_tick: 0.0022, track_width_m: 0.75 }),
