@@ -33,14 +33,16 @@ pub(crate) fn write(
         &|| Ok(write_file(&folder.join("config.toml"), config.to_toml().as_bytes())?),
     ];
     // What scans alone give; where there is no LiDAR dead reckoning is the trajectory.
-    let of_scans: [&(dyn Fn() -> anyhow::Result<()> + Sync); 4] = [
+    let of_scans: [&(dyn Fn() -> anyhow::Result<()> + Sync); 3] = [
         &|| Ok(write_png(&folder.join("map.png"), &Figure::of_map(map).into_picture())?),
         &|| Ok(write_map(&folder.join("map.yaml"), map)?),
         &|| Ok(write_trajectory(&folder.join("live.tum"), &as_known_then(solution))?),
-        &|| Ok(write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?),
     ];
     let of_scans = if solution.is_dead_reckoning() { &of_scans[..0] } else { &of_scans };
     files.par_iter().chain(of_scans).try_for_each(|write| write())?;
+    if solution.has_odometry() {
+        write_trajectory(&folder.join("odometry.tum"), &solution.odometry)?;
+    }
     if let Some(graph) = &solution.graph {
         write_g2o(&folder.join("graph.g2o"), &graph.clone().into())?;
     }
@@ -51,7 +53,7 @@ pub(crate) fn write(
         floor_png = Some(fs::read(folder.join("texture.png"))?);
     }
     report.take_cost(stopwatch);
-    let exhibits = Exhibits { solution, map, floor_png: floor_png.as_deref(), config };
+    let exhibits = Exhibits { solution, map, floor_png: floor_png.as_deref(), config, folder };
     write_file(&folder.join("report.html"), page(report, &exhibits)?.as_bytes())?;
     // Last: a folder with it is complete.
     write_file(&folder.join("report.json"), (serde_json::to_string_pretty(report)? + "\n").as_bytes())?;

@@ -31,7 +31,7 @@ pub struct Solution {
     pub steps: Vec<StepReport>,
     /// The body's pose at every scan; the first is the identity. Without a LiDAR at every reading of the odometry.
     pub trajectory: Vec<StampedPose>,
-    /// Dead reckoning at every scan.
+    /// Dead reckoning at every scan; empty where nothing but scans tells the motion.
     pub odometry: Vec<StampedPose>,
     /// Every comparison of places that were passed more than once.
     pub closures: Vec<ClosureReport>,
@@ -84,7 +84,7 @@ impl Solution {
     /// tells the motion.
     #[must_use]
     pub fn has_odometry(&self) -> bool {
-        !self.is_dead_reckoning() && self.summary.source != OdometrySource::ScanMatching
+        !self.odometry.is_empty()
     }
 }
 
@@ -274,13 +274,13 @@ pub(crate) fn solve(
         false => None,
     };
     partial |= around.interrupt.requested();
+    let summary = pass.summary();
+    let of_odometry = if summary.source == OdometrySource::ScanMatching { &steps[..0] } else { &steps[..] };
+    let dead_reckoned = |step: &StepReport| StampedPose { stamp_s: step.stamp_s, pose: step.dead_reckoning };
     Ok(Solution {
-        odometry: steps.iter().map(|step| StampedPose { stamp_s: step.stamp_s, pose: step.dead_reckoning }).collect(),
-        summary: SynchronisationSummary {
-            // Those that were not reached count, too.
-            scans: data_set.scans().count().max(pass.summary().scans),
-            ..pass.summary()
-        },
+        odometry: of_odometry.iter().map(dead_reckoned).collect(),
+        // Scans that were not reached count, too.
+        summary: SynchronisationSummary { scans: data_set.scans().count().max(summary.scans), ..summary },
         trajectory: result.trajectory,
         closures: result.closures,
         uncertainties: result.uncertainties,

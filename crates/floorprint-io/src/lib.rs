@@ -56,7 +56,7 @@ pub use picture::{Picture, Pixels, png_bytes, read_png, write_animated_png, writ
 pub use regular_file::read_text;
 pub use relations::read_relations;
 pub use replace::{copy_file, write_file, write_files};
-pub use run_folder::{Contents, RunFolder, free_beside};
+pub use run_folder::{Contents, RESULTS_OF_RUN, RunFolder, free_beside};
 pub use scratch_file::ScratchFile;
 pub use scratch_folder::remove_unpacked;
 pub use session_file::{ANNOTATIONS, Layers, SessionFile};

@@ -22,6 +22,29 @@ pub enum Contents {
     Live,
 }
 
+/// What a run leaves, and what it is, in a few words; `#` stands for a number. What there is nothing for is missing.
+pub const RESULTS_OF_RUN: [(&str, &str); 19] = [
+    ("report.html", "everything on one page"),
+    ("report.json", "all figures"),
+    ("trajectory.tum", "poses"),
+    ("trajectory.kitti", "poses as matrices"),
+    ("live.tum", "poses as they were known at the time"),
+    ("odometry.tum", "dead reckoning"),
+    ("graph.g2o", "pose graph"),
+    ("session.gpkg", "session, to go on with"),
+    ("map.yaml", "map for ROS"),
+    ("map.pgm", "its cells"),
+    ("map.png", "map"),
+    ("trajectories.png", "map and trajectories"),
+    ("trajectories.svg", "the same, without loss"),
+    ("texture.png", "floor"),
+    ("texture.json", "its resolution and origin"),
+    ("images.tum", "poses at the images of the floor"),
+    ("config.toml", "configuration"),
+    ("snapshots/#.png", "map on the way"),
+    ("snapshots/animation.png", "the same as an animation"),
+];
+
 impl Contents {
     /// The file by which such a folder is known; it is written last.
     fn mark(self) -> &'static str {
@@ -53,30 +76,11 @@ impl Contents {
         }
     }
 
-    /// All other files that may be in it; `#` stands for a number.
-    fn files(self) -> &'static [&'static str] {
+    /// All files that may be in it beside the mark; `#` stands for a number.
+    fn files(self) -> Vec<&'static str> {
         match self {
-            Self::Run => &[
-                "report.html",
-                "trajectory.tum",
-                "trajectory.kitti",
-                "live.tum",
-                "odometry.tum",
-                "graph.g2o",
-                "map.pgm",
-                "map.yaml",
-                "map.png",
-                "trajectories.png",
-                "trajectories.svg",
-                "texture.png",
-                "texture.json",
-                "images.tum",
-                "config.toml",
-                "session.gpkg",
-                "snapshots/#.png",
-                "snapshots/animation.png",
-            ],
-            Self::Simulation => &[
+            Self::Run => RESULTS_OF_RUN.iter().map(|(name, _)| *name).collect(),
+            Self::Simulation => vec![
                 "Encoders#.npz",
                 "Hokuyo#.npz",
                 "Imu#.npz",
@@ -89,9 +93,16 @@ impl Contents {
                 "truth_texture.json",
                 "truth_texture.png",
             ],
-            Self::Live => &["session.gpkg", "trajectory.tum", "map.pgm", "map.yaml", "config.toml"],
+            Self::Live => vec!["session.gpkg", "trajectory.tum", "map.pgm", "map.yaml", "config.toml"],
             Self::Localization => {
-                &["report.html", "trajectory.tum", "localization.png", "config.toml", "changes.geojson", "changes.png"]
+                vec![
+                    "report.html",
+                    "trajectory.tum",
+                    "localization.png",
+                    "config.toml",
+                    "changes.geojson",
+                    "changes.png",
+                ]
             }
         }
     }

@@ -77,14 +77,16 @@ impl Plot {
         let Run { report, map, trajectory, .. } = Run::read(folder)?;
         let data_set = report.pointer("/input/path").and_then(Value::as_str).map(Path::new);
         let truth = data_set.and_then(|path| TruthFiles::beside(path).trajectory);
-        // Dead reckoning alone is the trajectory.
-        let has_map = report.get("map").is_some();
-        let of_scans = |file| if has_map { read_trajectory(&folder.join(file)) } else { Ok(Vec::new()) };
+        // Without a LiDAR dead reckoning is the trajectory; without odometry there is none.
+        let where_it_is = |file| {
+            let path = folder.join(file);
+            if path.exists() { read_trajectory(&path) } else { Ok(Vec::new()) }
+        };
         Ok(Self {
             name: data_set_name(folder),
             figures: figures(&report),
-            odometry: of_scans("odometry.tum")?,
-            live: of_scans("live.tum")?,
+            odometry: where_it_is("odometry.tum")?,
+            live: where_it_is("live.tum")?,
             truth: truth.as_deref().map(read_trajectory).transpose()?.unwrap_or_default(),
             was_compared: report.pointer("/errors/trajectory").is_some(),
             loops: loops(&report, &trajectory),
