@@ -266,6 +266,8 @@ impl Stream {
     fn of(sensor: String, stamps_s: &[f64]) -> Option<Self> {
         let steps: Vec<f64> = stamps_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let (first_stamp_s, last_stamp_s) = (*stamps_s.first()?, *stamps_s.last()?);
+        let silences = silences(stamps_s);
+        let longest_s = |silences: &[[f64; 2]]| silences.iter().map(|[from_s, to_s]| to_s - from_s).reduce(f64::max);
         let mean_s = (last_stamp_s - first_stamp_s) / steps.len().max(1) as f64;
         Some(Self {
             sensor,
@@ -273,8 +275,8 @@ impl Stream {
             first_stamp_s,
             last_stamp_s,
             rate_hz: if mean_s > 0.0 { 1.0 / mean_s } else { 0.0 },
-            largest_gap_s: steps.iter().copied().fold(0.0, f64::max),
-            gaps: silences(stamps_s).len(),
+            largest_gap_s: longest_s(&silences).unwrap_or_else(|| steps.iter().copied().fold(0.0, f64::max)),
+            gaps: silences.len(),
             backwards: steps.iter().filter(|&&step| step < 0.0).count(),
         })
     }

@@ -141,7 +141,10 @@ fn errors(runs: &[Run], truth: Option<&[StampedPose]>) -> String {
         let points = distances[number].iter().map(|[s, metres, _]| [*s, *metres]).collect();
         let maximum = (largest_m > 0.0).then_some(largest_m);
         let chart = Chart { title: &escape(&title), class: &format!("run-{number}"), points, maximum };
-        charts.push_str(&chart.to_html("Distance of the poses at the same time, without any alignment."));
+        let figure = chart.to_html("Distance of the poses at the same time, without any alignment.");
+        if !figure.is_empty() {
+            let _ = write!(charts, "<section class=\"card\">{figure}</section>");
+        }
     }
     let end_s = distances.iter().flatten().map(|[s, ..]| *s).fold(0.0, f64::max);
     let mut rows = String::new();
@@ -163,7 +166,7 @@ fn errors(runs: &[Run], truth: Option<&[StampedPose]>) -> String {
         rows.push_str(&row(&format!("{from_s:.0} to {to_s:.0} s"), &values));
     }
     let note = format!("Root mean square of position and heading {what}.");
-    format!("<section class=\"pair\">{charts}</section>\n{}", table("By stretch of time", &note, runs, &rows))
+    format!("<div class=\"pair\">{charts}</div>\n{}", table("By stretch of time", &note, runs, &rows))
 }
 
 /// Options that are not the same in all runs.

@@ -1,5 +1,6 @@
 //! Line charts as SVG, drawn with the page's own colours.
 
+use floorprint::survey::silences;
 use std::fmt::Write;
 
 /// A chart's drawing area, SVG units.
@@ -79,12 +80,17 @@ impl Chart<'_> {
             );
         }
         let mut path = String::new();
-        for [time, value] in envelope(&self.points) {
-            let command = if path.is_empty() { 'M' } else { 'L' };
-            let (right, down) = (x(time), y(value.min(heights.high)));
-            let _ = write!(path, "{command}{right:.1} {down:.1}");
-            if marked {
-                let _ = write!(svg, r#"<circle class="mark" cx="{right:.1}" cy="{down:.1}" r="3"/>"#);
+        let pieces = if marked { vec![self.points.as_slice()] } else { between_silences(&self.points) };
+        let in_a_column = self.points.len().div_ceil(COLUMNS);
+        for piece in pieces {
+            let mut command = 'M';
+            for [time, value] in envelope(piece, in_a_column) {
+                let (right, down) = (x(time), y(value.min(heights.high)));
+                let _ = write!(path, "{command}{right:.1} {down:.1}");
+                command = 'L';
+                if marked {
+                    let _ = write!(svg, r#"<circle class="mark" cx="{right:.1}" cy="{down:.1}" r="3"/>"#);
+                }
             }
         }
         let class = self.class;
@@ -92,14 +98,24 @@ impl Chart<'_> {
     }
 }
 
-/// The first, lowest, highest and last point of each of [`COLUMNS`] stretches, so that no peak is lost.
-fn envelope(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+/// The points over time in pieces: where a sensor is silent nothing is known, and no line is drawn.
+fn between_silences(points: &[[f64; 2]]) -> Vec<&[[f64; 2]]> {
+    let stamps_s: Vec<f64> = points.iter().map(|point| point[0]).collect();
+    let silences = silences(&stamps_s);
+    let mut ends = silences.iter().peekable();
+    points
+        .chunk_by(|before, after| ends.next_if(|[from_s, to_s]| before[0] <= *from_s && after[0] >= *to_s).is_none())
+        .collect()
+}
+
+/// The lowest and highest point of each stretch of so many, so that no peak is lost; few points as they are.
+fn envelope(points: &[[f64; 2]], in_a_stretch: usize) -> Vec<[f64; 2]> {
     let points: Vec<[f64; 2]> = points.iter().copied().filter(|point| point[1].is_finite()).collect();
-    if points.len() <= 2 * COLUMNS {
+    if in_a_stretch <= 2 {
         return points;
     }
     let mut kept = Vec::with_capacity(2 * COLUMNS);
-    for stretch in points.chunks(points.len().div_ceil(COLUMNS)) {
+    for stretch in points.chunks(in_a_stretch) {
         let by_value = |a: &&[f64; 2], b: &&[f64; 2]| a[1].total_cmp(&b[1]);
         let ends = stretch.iter().min_by(by_value).zip(stretch.iter().max_by(by_value));
         let Some((low, high)) = ends else { continue };
@@ -149,9 +165,20 @@ mod tests {
     fn the_envelope_keeps_peaks() {
         let mut points: Vec<[f64; 2]> = (0..10_000).map(|i| [f64::from(i), 0.0]).collect();
         points[7777][1] = 5.0;
-        let kept = envelope(&points);
+        let kept = envelope(&points, points.len() / COLUMNS);
         assert!(kept.len() <= 2 * COLUMNS && kept.contains(&[7777.0, 5.0]));
         assert!(kept.windows(2).all(|pair| pair[0][0] <= pair[1][0]));
+    }
+
+    #[test]
+    fn no_line_is_drawn_over_a_silence() {
+        let points: Vec<[f64; 2]> =
+            (0..40).map(|i| [f64::from(i) * 0.1 + if i < 20 { 0.0 } else { 9.0 }, 1.0]).collect();
+        let lines_of =
+            |chart: &Chart<'_>, from| chart.lines("s", from).unwrap().rsplit_once("d=").unwrap().1.matches('M').count();
+        let chart = Chart { title: "t", class: "", points, maximum: None };
+        assert_eq!(lines_of(&chart, None), 2);
+        assert_eq!(lines_of(&chart, Some(0.0)), 1, "what is no time knows no silence");
     }
 
     #[test]

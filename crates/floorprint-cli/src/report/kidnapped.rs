@@ -1,5 +1,6 @@
 //! Where the robot was carried elsewhere during the drive.
 
+use super::page::fixed;
 use floorprint::back_end::Kidnapping;
 use floorprint::sensors::StampedPose;
 use serde::Serialize;
@@ -48,7 +49,8 @@ impl Kidnapped {
         let Self { stamp_s, time_s, found } = self;
         let what = match found {
             Some(FoundAgain { set_down_m: [x, y], stamp_s: known_s, .. }) => {
-                format!("set down at ({x:.1} m, {y:.1} m), found again {:.1} s later", known_s - stamp_s)
+                let [x, y] = [*x, *y].map(|metres| fixed(metres, 1));
+                format!("set down at ({x} m, {y} m), found again {:.1} s later", known_s - stamp_s)
             }
             None => "not found again: how the map before and after lie to each other is not known".to_owned(),
         };

@@ -72,9 +72,11 @@ for (const plan of document.querySelectorAll(".plan")) {
       const squared = (pose[1] - at.x) ** 2 + (-pose[2] - at.y) ** 2;
       if (squared < least) [nearest, least] = [pose, squared];
     }
-    const pointer = `x ${at.x.toFixed(2)} m, y ${(-at.y).toFixed(2)} m`;
+    // What is rounded to zero has no sign.
+    const fixed = (number, digits) => number.toFixed(digits).replace(/^-(?=[0.]*$)/, "");
+    const pointer = `x ${fixed(at.x, 2)} m, y ${fixed(-at.y, 2)} m`;
     readout.textContent = nearest
-      ? `${nearest[0].toFixed(1)} s (stamp ${nearest[4]}): x ${nearest[1].toFixed(2)} m, y ${nearest[2].toFixed(2)} m, heading ${nearest[3].toFixed(1)}°`
+      ? `${nearest[0].toFixed(1)} s (stamp ${nearest[4]}): x ${fixed(nearest[1], 2)} m, y ${fixed(nearest[2], 2)} m, heading ${fixed(nearest[3], 1)}°`
       : pointer;
     dot.setAttribute("visibility", nearest ? "visible" : "hidden");
     if (nearest) dot.setAttribute("d", `M${nearest[1]} ${-nearest[2]}h0`);

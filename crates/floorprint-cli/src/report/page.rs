@@ -2,7 +2,7 @@
 
 use super::chart::Chart;
 use super::{Made, Report};
-use crate::figure::{FREE, OCCUPIED, UNKNOWN};
+use crate::figure::{FREE, OCCUPIED, UNKNOWN, scale_bar_length_m};
 use crate::run_folder::data_set_name;
 use crate::solve::Solution;
 use crate::summary::counted;
@@ -14,6 +14,7 @@ use floorprint::map::{Occupancy, Raster};
 use floorprint::odometry::OdometrySource;
 use floorprint::sensors::StampedPose;
 use floorprint::{Config, StepReport};
+use floorprint_io::RESULTS_OF_RUN;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -36,6 +37,8 @@ pub(crate) struct Exhibits<'a> {
     pub(crate) floor_png: Option<&'a [u8]>,
     /// The resolved configuration.
     pub(crate) config: &'a Config,
+    /// Where all but the page and `report.json` lies already.
+    pub(crate) folder: &'a Path,
 }
 
 /// The page as HTML.
@@ -62,7 +65,7 @@ pub(crate) fn page(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, p
         errors(report),
         cost_and_losses(report),
         notes(report),
-        files(report, exhibits),
+        files(exhibits.folder),
         configuration(exhibits.config),
         footer(report),
     ] {
@@ -82,9 +85,19 @@ pub(crate) fn poses(trajectory: &[StampedPose]) -> String {
     let start_s = trajectory.first().map_or(0.0, |first| first.stamp_s);
     let every = trajectory.len().div_ceil(POSES_NAMED).max(1);
     let pose = |StampedPose { stamp_s, pose }: &StampedPose| {
-        format!("[{:.2},{:.3},{:.3},{:.2},{stamp_s:.3}]", stamp_s - start_s, pose.x, pose.y, pose.theta.to_degrees())
+        let [x, y] = [pose.x, pose.y].map(|metres| fixed(metres, 3));
+        format!("[{:.2},{x},{y},{},{stamp_s:.3}]", stamp_s - start_s, fixed(pose.theta.to_degrees(), 2))
     };
     format!("[{}]", trajectory.iter().step_by(every).map(pose).collect::<Vec<_>>().join(","))
+}
+
+/// A number with so many decimals; what is rounded to zero has no sign.
+pub(super) fn fixed(number: f64, decimals: usize) -> String {
+    let text = format!("{number:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.chars().all(|digit| matches!(digit, '0' | '.')) => zero.to_owned(),
+        _ => text,
+    }
 }
 
 fn header(report: &Report, name: &str) -> String {
@@ -180,11 +193,10 @@ fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::
     let has_map = report.map.is_some();
     let (mut layers, mut svg) = (Vec::new(), String::new());
     if has_map {
-        layers.extend([
-            ("map", "cells", "map", "checked"),
-            ("trajectory", "trajectory", "trajectory", "checked"),
-            ("odometry", "odometry", "dead reckoning", "checked"),
-        ]);
+        layers.extend([("map", "cells", "map", "checked"), ("trajectory", "trajectory", "trajectory", "checked")]);
+        if solution.has_odometry() {
+            layers.push(("odometry", "odometry", "dead reckoning", "checked"));
+        }
         svg.push_str(&view.image("cells", map.origin_m, map.width, map.height, map.resolution_m, &map_png(map)?));
         svg.push_str(&view.path("odometry", &solution.odometry));
     } else {
@@ -213,7 +225,7 @@ fn map_section(report: &Report, exhibits: &Exhibits<'_>) -> Result<String, png::
     let (title, label, colors) = if has_map {
         (
             "Map and trajectory",
-            "map with trajectory and dead reckoning",
+            if solution.has_odometry() { "map with trajectory and dead reckoning" } else { "map with trajectory" },
             "Free cells are white, occupied ones black, unknown ones grey (in dark mode the other way round). ",
         )
     } else {
@@ -315,7 +327,12 @@ fn loops_and_contradictions(report: &Report) -> String {
             if contradictions.len() > STRETCHES_SHOWN { ", the longest of which are listed" } else { "" }
         );
     }
-    format!("<div class=\"pair\">{cards}</div>\n")
+    pair(&cards)
+}
+
+/// Cards side by side; nothing where there is none.
+fn pair(cards: &str) -> String {
+    if cards.is_empty() { String::new() } else { format!("<div class=\"pair\">{cards}</div>\n") }
 }
 
 fn charts(report: &Report, solution: &Solution) -> String {
@@ -378,7 +395,7 @@ fn charts(report: &Report, solution: &Solution) -> String {
         .iter()
         .map(|(chart, meaning)| format!("<section class=\"card\">{}</section>", chart.to_html(meaning)))
         .collect();
-    format!("<div class=\"pair\">{cards}</div>\n")
+    pair(&cards)
 }
 
 fn errors(report: &Report) -> String {
@@ -453,28 +470,13 @@ fn notes(report: &Report) -> String {
 }
 
 /// Links to what lies beside the page.
-fn files(report: &Report, exhibits: &Exhibits<'_>) -> String {
-    let mut files = vec![("trajectory.tum", "poses")];
-    if report.map.is_some() {
-        files.extend([
-            ("live.tum", "poses as they were known at the time"),
-            ("odometry.tum", "dead reckoning"),
-            ("map.yaml", "map for ROS"),
-            ("map.png", "map"),
-            ("trajectories.png", "map with trajectories"),
-        ]);
-    } else {
-        files.push(("trajectories.png", "drawing of the trajectory"));
-    }
-    files.extend([
-        ("trajectories.svg", "the same, without loss"),
-        ("report.json", "all figures"),
-        ("config.toml", "configuration"),
-    ]);
-    files.extend(exhibits.solution.graph.as_ref().map(|_| ("graph.g2o", "pose graph")));
-    files.extend(report.texture.as_ref().map(|_| ("texture.png", "floor")));
-    let items: String =
-        files.iter().map(|(file, what)| format!("<li><a href=\"{file}\">{file}</a> {what}</li>")).collect();
+fn files(folder: &Path) -> String {
+    let lies_there = |name: &str| name == "report.json" || folder.join(name).is_file();
+    let items: String = RESULTS_OF_RUN
+        .iter()
+        .filter(|(file, _)| lies_there(file))
+        .map(|(file, what)| format!("<li><a href=\"{file}\">{file}</a> {what}</li>"))
+        .collect();
     format!("<section class=\"card\"><h2>Files beside this page</h2><ul class=\"files\">{items}</ul></section>\n")
 }
 
@@ -578,12 +580,26 @@ impl View {
         let button = all.map_or("", |_| "<button type=\"button\" name=\"all\">everything</button>");
         format!(
             "<div class=\"paper plan {class}\"{everything}><svg viewBox=\"{}\" role=\"img\" tabindex=\"0\" \
-             aria-label=\"{label}\">{content}<path class=\"here\" visibility=\"hidden\" d=\"\"/></svg>\
+             aria-label=\"{label}\">{content}{}<path class=\"here\" visibility=\"hidden\" d=\"\"/></svg>\
              <div class=\"zoom\"><button type=\"button\" name=\"in\" aria-label=\"zoom in\">+</button>\
              <button type=\"button\" name=\"out\" aria-label=\"zoom out\">−</button>\
              <button type=\"button\" name=\"fit\">fit</button>{button}</div>\
              <div class=\"scale\"><i></i><span></span></div><output></output></div>",
-            self.view_box()
+            self.view_box(),
+            self.scale_bar()
+        )
+    }
+
+    /// A bar of a round length, for who has no script: with one there is another that follows the zoom.
+    fn scale_bar(&self) -> String {
+        let (longest_m, length_m) = (self.longest_m(), scale_bar_length_m(self.size_m()[0]));
+        let [air_m, tip_m, letters_m] = [0.012, 0.01, 0.024].map(|share| share * longest_m);
+        let (left_m, below_m) = (self.low_m[0] + air_m, -self.low_m[1] - air_m);
+        format!(
+            "<g class=\"bar\"><path d=\"M{left_m:.3} {:.3}v{tip_m:.3}h{length_m}v-{tip_m:.3}\"/>\
+             <text x=\"{:.3}\" y=\"{below_m:.3}\" font-size=\"{letters_m:.3}\">{length_m} m</text></g>",
+            below_m - tip_m,
+            left_m + length_m + air_m
         )
     }
 
@@ -680,4 +696,22 @@ pub(crate) fn map_png(map: &Raster<Occupancy>) -> Result<Vec<u8>, png::EncodingE
 /// Text that is safe between tags and in attributes.
 pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use floorprint::geometry::Pose2;
+
+    #[test]
+    fn what_is_rounded_to_zero_has_no_sign() {
+        let pose = StampedPose { stamp_s: 2.0, pose: Pose2::new(-0.0001, -0.5, -1e-6) };
+        assert_eq!(poses(&[pose]), "[[0.00,0.000,-0.500,0.00,2.000]]");
+    }
+
+    #[test]
+    fn a_plan_has_a_scale_bar_without_a_script() {
+        let view = View { low_m: [0.0; 2], high_m: [20.0, 10.0] };
+        assert!(view.plan("", "map", "", None).contains("h5v-0.200\"/><text"), "{}", view.plan("", "map", "", None));
+    }
 }
