@@ -89,14 +89,22 @@ pub(crate) fn write(
     replace: bool,
     terminal: &Terminal,
 ) -> anyhow::Result<()> {
-    let progress = terminal.progress("simulating", "readings", drive.scan_count());
-    let mut show = |done: usize, total: usize| {
-        progress.set_length(total as u64);
-        progress.set_position(done as u64);
+    // A bar for each kind of reading: from scans nothing follows for how long images take.
+    let mut shown = ("", terminal.busy("simulating"));
+    let mut show = |unit: &'static str, done: usize, total: usize| {
+        if shown.0 != unit {
+            shown.1.finish_and_clear();
+            shown = (unit, terminal.progress("simulating", unit, total));
+        }
+        shown.1.set_position(done as u64);
+        if done == total {
+            shown.1.finish_and_clear();
+            shown = ("", terminal.busy("writing"));
+        }
     };
-    write_ece276a(out, drive, number, replace, &mut show)?;
-    progress.finish_and_clear();
-    Ok(())
+    let written = write_ece276a(out, drive, number, replace, &mut show);
+    shown.1.finish_and_clear();
+    Ok(written?)
 }
 
 /// Writes a drive in the file layout of the course, told to a watcher.

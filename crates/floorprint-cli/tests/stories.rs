@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test ends where a step fails")]
 
+use floorprint_io::RESULTS_OF_RUN;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
@@ -74,6 +75,16 @@ fn report(folder: &Path) -> serde_json::Value {
     serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap()
 }
 
+/// The files in a folder and in those in it, by their names relative to it.
+fn files_below(folder: &Path, prefix: &str) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let names = |path: std::path::PathBuf| {
+        let name = format!("{prefix}{}", path.file_name().unwrap().to_string_lossy());
+        if path.is_dir() { files_below(&path, &format!("{name}/")) } else { vec![name] }
+    };
+    entries.flat_map(names).collect()
+}
+
 /// A line of a CARMEN log: a scan with all ranges alike, and the base's odometry.
 fn flaser(range: &str, odometry: &str, stamp_s: &str) -> String {
     let ranges = vec![range; 180].join(" ");
@@ -121,6 +132,23 @@ fn a_drive_becomes_a_folder_with_everything_in_it() {
     let first: Vec<f64> = trajectory.lines().next().unwrap().split(' ').map(|word| word.parse().unwrap()).collect();
     assert_eq!(first[1..], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], "the first pose is the identity");
     let page = fs::read_to_string(out.join("report.html")).unwrap();
+    // Page and README name all of it, and nothing else.
+    let left = files_below(&out, "");
+    let is_known = |file: &&String| !file.starts_with("snapshots/0");
+    let named: Vec<&str> = page.split("<li><a href=\"").skip(1).filter_map(|item| item.split('"').next()).collect();
+    let mut beside: Vec<&str> =
+        left.iter().filter(is_known).map(String::as_str).filter(|file| *file != "report.html").collect();
+    let mut listed: Vec<&str> =
+        RESULTS_OF_RUN.iter().map(|(file, _)| *file).filter(|file| named.contains(file)).collect();
+    beside.sort_unstable();
+    listed.sort_unstable();
+    assert_eq!(beside, listed);
+    assert_eq!(named.len(), listed.len());
+    let readme = include_str!("../../../README.md");
+    let table = readme.split("## What a run leaves").nth(1).unwrap().split("\n## ").next().unwrap();
+    for (file, _) in RESULTS_OF_RUN.iter().filter(|(file, _)| !file.starts_with("snapshots/")) {
+        assert!(table.contains(&format!("`{file}`")), "README does not name {file}");
+    }
     assert!(!page.contains("http://") && !page.contains("https://"), "the page needs no network");
     assert!(page.trim_end().ends_with("</html>"));
     let loops = &report["loops"];
@@ -311,6 +339,23 @@ fn a_drive_without_camera_or_imu_is_solved_and_that_is_said() {
     let message = text(&output.stderr);
     assert!(message.contains("IMU") && message.contains("Kinect"), "{message}");
     assert!(!out.join("texture.png").exists());
+}
+
+#[test]
+fn a_drive_without_odometry_has_no_dead_reckoning() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    run(&drive(), &out, &["--set", "odometry.source=scan_matching"]);
+    assert!(!out.join("odometry.tum").exists() && out.join("live.tum").exists());
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(!page.contains("odometry.tum") && !page.contains("id=\"show-odometry\""));
+    // What reads runs takes this one, too.
+    let out = out.to_str().unwrap();
+    for arguments in [&["plot", out, "--out"][..], &["compare", out, out, "--out"]] {
+        let written = folder.path().join(if arguments[0] == "plot" { "plot.svg" } else { "compare.html" });
+        let output = floorprint(&[arguments, &[written.to_str().unwrap()]].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    }
 }
 
 #[test]

@@ -48,7 +48,7 @@ struct Description<'a> {
 
 /// Writes `drive` as the folder `target`, whole or not at all, with `number` in the files' names.
 ///
-/// `progress` is told how many of how many scans and images are done.
+/// `progress` is told how many of how many scans are done, and then of how many images, which take longer each.
 ///
 /// # Errors
 /// When `target` exists (unless it is empty, or `replace` is set and it holds an earlier
@@ -58,12 +58,12 @@ pub fn write_ece276a(
     drive: &SimulatedDrive,
     number: u32,
     replace: bool,
-    progress: &mut dyn FnMut(usize, usize),
+    progress: &mut dyn FnMut(&'static str, usize, usize),
 ) -> Result<(), WriteError> {
     let folder = RunFolder::create(target, Contents::Simulation, replace)?;
     let path = folder.path();
     let (disparity_images, color_images) = (drive.disparity_stamps_s().len(), drive.color_stamps_s().len());
-    let total = drive.scan_count() + disparity_images + color_images;
+    let (scans, all_images) = (drive.scan_count(), disparity_images + color_images);
 
     let archive = |name: &str, fill: &mut dyn FnMut(&mut NpzWriter) -> io::Result<()>| {
         let path = path.join(format!("{name}{number}.npz"));
@@ -78,10 +78,10 @@ pub fn write_ece276a(
         archive("Encoders", &mut |npz| write_encoders(npz, drive))?;
     }
     archive("Imu", &mut |npz| write_imu(npz, drive))?;
-    archive("Hokuyo", &mut |npz| write_hokuyo(npz, drive, &mut |done| progress(done, total)))?;
+    archive("Hokuyo", &mut |npz| write_hokuyo(npz, drive, &mut |done| progress("scans", done, scans)))?;
     if disparity_images > 0 {
         archive("Kinect", &mut |npz| write_kinect(npz, drive))?;
-        let mut done = drive.scan_count();
+        let mut done = 0;
         let mut images = |kind: &str, count: usize, picture: &(dyn Fn(usize) -> Option<Picture> + Sync)| {
             let folder = path.join("dataRGBD").join(format!("{kind}{number}"));
             fs::create_dir_all(&folder).map_err(|error| WriteError::io(&folder, &error))?;
@@ -92,7 +92,7 @@ pub fn write_ece276a(
                     picture(index).map_or(Ok(()), |picture| write_png(&folder.join(name), &picture))
                 })?;
                 done += last - first;
-                progress(done, total);
+                progress("images", done, all_images);
             }
             Ok::<(), WriteError>(())
         };

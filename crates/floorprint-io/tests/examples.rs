@@ -26,7 +26,7 @@ fn drive() -> TempDir {
     let mut simulation = SimulationConfig::default();
     (simulation.lidar.beams, simulation.lidar.rate_hz, simulation.camera.rate_hz) = (181, 10.0, 0.0);
     let drive = simulate(World::named("rooms", 1).unwrap(), simulation, 1).unwrap();
-    write_ece276a(&folder.path().join("drive"), &drive, 1, false, &mut |_, _| {}).unwrap();
+    write_ece276a(&folder.path().join("drive"), &drive, 1, false, &mut |_, _, _| {}).unwrap();
     folder
 }
 

@@ -15,9 +15,12 @@ fn what_is_written_is_what_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().join("simulated");
     let drive = small_drive().unwrap();
-    let mut last = (0, 0);
-    write_ece276a(&target, &drive, 30, false, &mut |done, total| last = (done, total)).unwrap();
-    assert!(last.0 == last.1 && last.1 > drive.scan_count());
+    let mut told = Vec::new();
+    write_ece276a(&target, &drive, 30, false, &mut |unit, done, total| told.push((unit, done, total))).unwrap();
+    let ended: Vec<_> =
+        told.iter().filter(|(_, done, total)| done == total).map(|(unit, done, _)| (*unit, *done)).collect();
+    let images = drive.disparity_stamps_s().len() + drive.color_stamps_s().len();
+    assert_eq!(ended, [("scans", drive.scan_count()), ("images", images)]);
 
     let data = open(&target, &OpenOptions::default()).unwrap();
     assert_eq!((data.notes.len(), data.dropped.total()), (0, 0), "{:?}", data.notes);
@@ -60,7 +63,7 @@ fn an_earlier_simulation_is_replaced_only_when_asked_to() {
     let mut config = SimulationConfig::default();
     (config.lidar.beams, config.lidar.rate_hz, config.camera.rate_hz) = (11, 1.0, 0.0);
     let drive = simulate(World::named("loop", 1).unwrap(), config, 1).unwrap();
-    let write = |replace| write_ece276a(&target, &drive, 20, replace, &mut |_, _| {});
+    let write = |replace| write_ece276a(&target, &drive, 20, replace, &mut |_, _, _| {});
     write(false).unwrap();
     assert!(write(false).unwrap_err().to_string().contains("--force"));
     write(true).unwrap();
