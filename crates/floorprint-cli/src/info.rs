@@ -174,7 +174,7 @@ impl Info {
     }
 
     fn print(&self, out: &mut impl Write) -> anyhow::Result<()> {
-        writeln!(out, "{HEADING}{}{HEADING:#}", self.format)?;
+        writeln!(out, "{}", prose(&format!("{HEADING}{}{HEADING:#}", self.format), 0))?;
         writeln!(out, "sha256 {}\n", self.sha256)?;
         self.print_topics(out)?;
         writeln!(

@@ -141,7 +141,10 @@ pub(crate) fn prose(text: &str, indent: usize) -> String {
 
 /// Markdown whose paragraphs are broken to fit the terminal; tables keep their lines.
 pub(crate) fn markdown(text: &str) -> String {
-    let width = width_of_results();
+    fitted_markdown(text, width_of_results())
+}
+
+fn fitted_markdown(text: &str, width: usize) -> String {
     let fitted = |line: &str| if line.starts_with('|') { line.to_owned() } else { wrapped(line, 0, width) };
     text.split('\n').map(fitted).collect::<Vec<_>>().join("\n")
 }
@@ -200,6 +203,12 @@ mod tests {
             wrapped(&format!("{ERROR}error{ERROR:#}: no scan"), 0, 14),
             format!("{ERROR}error{ERROR:#}: no scan")
         );
+    }
+
+    #[test]
+    fn paragraphs_of_markdown_are_broken_and_tables_are_not() {
+        let text = "Means over the seeds.\n\n| a | long table |\n";
+        assert_eq!(fitted_markdown(text, 12), "Means over\nthe seeds.\n\n| a | long table |\n");
     }
 
     #[test]
