@@ -330,6 +330,8 @@ impl Lidar {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use floorprint::sensors::ScanGeometry;
+    use std::sync::Arc;
 
     #[test]
     fn rates_gaps_and_steps_back_are_seen() {
@@ -340,6 +342,21 @@ mod tests {
         let stream = Stream::of("LiDAR".to_owned(), &[0.0, 0.1, 0.2, 0.3, 0.4, 1.3]).unwrap();
         assert_eq!(stream.gaps, 0, "as the notes of a run count it");
         assert!(Stream::of("IMU".to_owned(), &[]).is_none());
+    }
+
+    #[test]
+    fn every_ray_is_counted_as_something() {
+        let geometry = Arc::new(ScanGeometry {
+            angles_rad: vec![0.0; 4],
+            time_offsets_s: vec![0.0; 4],
+            range_min_m: 0.1,
+            range_max_m: 30.0,
+            below_minimum_is_no_return: false,
+        });
+        let ranges_m = vec![1.0, 30.0, f32::NAN, 0.05];
+        let scan = Scan { sensor: SensorId::default(), stamp_s: 0.0, ranges_m, geometry, odometry: None };
+        let lidar = Lidar::of([scan].iter()).unwrap();
+        assert_eq!([lidar.hit_share, lidar.no_return_share, lidar.invalid_share], [0.25, 0.25, 0.5]);
     }
 
     #[test]

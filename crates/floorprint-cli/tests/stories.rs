@@ -388,6 +388,7 @@ fn a_drive_without_a_lidar_is_dead_reckoned_and_has_no_map() {
     assert!(report["errors"]["trajectory"]["translation_m"]["rmse"].as_f64().unwrap() < 1.0);
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("no LiDAR: dead reckoning, no map") && !page.contains("map.png"));
+    assert!(!page.contains("<div class=\"pair\"></div>"), "no strip of nothing");
 
     assert!(text(&floorprint(&["info", blind]).stdout).contains(sentence));
     let checked = floorprint(&["check", blind]);
@@ -398,6 +399,7 @@ fn a_drive_without_a_lidar_is_dead_reckoned_and_has_no_map() {
     assert_eq!(floorprint(&["plot", out, "--out", picture.to_str().unwrap()]).status.code(), Some(0));
     let page = folder.path().join("compare.html");
     assert_eq!(floorprint(&["compare", out, out, "--out", page.to_str().unwrap()]).status.code(), Some(0));
+    assert!(fs::read_to_string(page).unwrap().contains("<section class=\"card\"><figure"), "charts lie on cards");
     // What needs scans says so before any work.
     let more = folder.path().join("more");
     let refused = |extra: &[&str]| failure(&[&["run", blind, "--out", more.to_str().unwrap()], extra].concat(), 1);
@@ -450,6 +452,18 @@ fn a_robot_that_was_carried_elsewhere_is_said_to_be_and_where_it_was_found() {
         assert_eq!(line.contains("not found again"), !is_found, "{line}");
         assert_eq!(kidnappings[0]["found"].is_object(), is_found, "{kidnappings:?}");
         assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("Robot carried elsewhere"));
+    }
+}
+
+#[test]
+fn usage_shows_what_is_needed() {
+    for what in ["trajectory", "map", "texture", "relations"] {
+        let help = text(&floorprint(&["evaluate", what, "--help"]).stdout);
+        let usage = help.lines().find(|line| line.starts_with("Usage:")).unwrap();
+        assert!(
+            usage.ends_with("[OPTIONS] <TRUTH> <ESTIMATE>") || usage.ends_with("<RELATIONS> <ESTIMATE>"),
+            "{usage}"
+        );
     }
 }
 

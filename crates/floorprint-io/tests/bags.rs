@@ -133,22 +133,22 @@ fn the_same_drive_is_the_same_records_in_every_container() {
     let expected = read(&path("carmen.log"));
     assert_eq!(expected.scans().count(), STEPS as usize);
     let expected = format!("{:?}", expected.records);
-    for name in [
-        "none.bag",
-        "bz2.bag",
-        "lz4.bag",
-        ".mcap",
-        "lz4.mcap",
-        "zstd.mcap",
-        "ros1.mcap",
-        "file.mcap.zstd",
-        "plain.db3",
-        "file.db3.zstd",
-        "packed",
-        "parts",
+    for (name, kind) in [
+        ("none.bag", "a ROS 1 bag"),
+        ("bz2.bag", "a ROS 1 bag"),
+        ("lz4.bag", "a ROS 1 bag"),
+        (".mcap", "an MCAP file"),
+        ("lz4.mcap", "an MCAP file"),
+        ("zstd.mcap", "an MCAP file"),
+        ("ros1.mcap", "an MCAP file"),
+        ("file.mcap.zstd", "an MCAP file"),
+        ("plain.db3", "a rosbag2 database (SQLite)"),
+        ("file.db3.zstd", "a rosbag2 database (SQLite)"),
+        ("packed", "a rosbag2 folder (SQLite)"),
+        ("parts", "a rosbag2 folder (MCAP)"),
     ] {
         let data_set = read(&path(name));
-        assert_eq!(data_set.format.name, "ros", "{name}");
+        assert_eq!((data_set.format.name, data_set.format.description), ("ros", kind), "{name}");
         assert!(format!("{:?}", data_set.records) == expected, "{name}: other records");
         assert_eq!(data_set.dropped.total(), 0, "{name}");
         assert_eq!(data_set.input_hash.len(), 64, "{name}");

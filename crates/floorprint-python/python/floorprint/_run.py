@@ -117,7 +117,9 @@ class Result:
 
     @cached_property
     def odometry(self) -> NDArray[np.void]:
-        """Dead reckoning at the same stamps: fields stamp_s (seconds), x, y (metres), theta (radians)."""
+        """Dead reckoning at the same stamps: fields stamp_s (seconds), x, y (metres), theta (radians).
+
+        Empty where nothing but scans tells the motion, and without a LiDAR, where the trajectory is dead reckoning."""
         return structured(self._solved.odometry())
 
     @cached_property
@@ -220,8 +222,8 @@ class Result:
         errors = (
             [] if self.truth is None else [errors_over_time(self.truth, of) for of in (self.odometry, self.trajectory)]
         )
-        # The truth may be of another time.
-        has_errors = len(errors) > 0 and all(len(error) > 0 for error in errors)
+        # The truth may be of another time, and there may be no odometry.
+        has_errors = len(errors) > 0 and len(errors[1]) > 0
         below: list[Axes] = []
         if axes is None:
             axes, below = new_figure(charts=2 if has_errors else 0)
@@ -230,6 +232,8 @@ class Result:
         if self.truth is not None:
             lines.append(("truth", self.truth, GREEN, 1.2))
         for name, poses, color, width in lines:
+            if len(poses) == 0:
+                continue
             style = "--" if name == "truth" else "-"
             axes.plot(poses["x"], poses["y"], style, color=color, linewidth=width, label=name)
         # Dead reckoning that runs far off must not shrink the map to a spot.
