@@ -94,11 +94,16 @@ impl Drive<'_> {
         let accepted = self.solution.closures.iter().filter(|closure| closure.verdict == Verdict::Accepted);
         let ends = accepted.flat_map(|closure| closure.frames).filter_map(|frame| trajectory.get(frame));
         let line = |id, kind, points_m, color| Line { id, kind, points_m, color };
-        let lines = vec![
-            line("trajectory", LineKind::Strip, points(trajectory), TRAJECTORY),
-            line("dead reckoning", LineKind::Strip, points(&self.solution.odometry), ODOMETRY),
-            line("loop closures", LineKind::Pairs, ends.map(|stamped| point(&stamped.pose)).collect(), CLOSURES),
-        ];
+        let mut lines = vec![line("trajectory", LineKind::Strip, points(trajectory), TRAJECTORY)];
+        if self.solution.has_odometry() {
+            lines.push(line("dead reckoning", LineKind::Strip, points(&self.solution.odometry), ODOMETRY));
+        }
+        lines.push(line(
+            "loop closures",
+            LineKind::Pairs,
+            ends.map(|stamped| point(&stamped.pose)).collect(),
+            CLOSURES,
+        ));
         SceneUpdate { stamp_s, frame: &self.names.map, lines }
     }
 

@@ -118,14 +118,12 @@ fn widths(px_per_m: f64) -> String {
 fn plan(plot: &Plot, view: &View) -> Result<String, png::EncodingError> {
     let map = &plot.map;
     let image = view.image("", map.origin_m, map.width, map.height, map.resolution_m, &map_png(map)?);
-    let line =
-        |class: &str, poses: &[StampedPose]| if poses.is_empty() { String::new() } else { view.path(class, poses) };
-    let mut plan = format!("<g class=\"plan\">{image}{}", line("odometry", &plot.odometry));
+    let mut plan = format!("<g class=\"plan\">{image}{}", view.path("odometry", &plot.odometry));
     // Many loops would bury the trajectory.
     plan.push_str(&view.segments("loops", plot.loops.iter().map(|[older, newer]| [older, newer])));
-    plan.push_str(&line("trajectory", &plot.trajectory));
+    plan.push_str(&view.path("trajectory", &plot.trajectory));
     // Above the trajectory, which it would else be hidden by.
-    plan.push_str(&line("truth", &plot.truth));
+    plan.push_str(&view.path("truth", &plot.truth));
     plan.push_str(&ends(&plot.trajectory));
     plan.push_str("</g>");
     Ok(plan)

@@ -622,8 +622,11 @@ impl View {
         )
     }
 
-    /// A trajectory as a path; points nearer to each other than can be seen are left out.
+    /// A trajectory as a path; points nearer to each other than can be seen are left out. Nothing where there is no pose.
     pub(crate) fn path(&self, class: &str, poses: &[StampedPose]) -> String {
+        if poses.is_empty() {
+            return String::new();
+        }
         let least_m = self.longest_m() / 2000.0;
         let mut data = String::new();
         let mut last: Option<[f64; 2]> = None;
