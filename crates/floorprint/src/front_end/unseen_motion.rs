@@ -36,6 +36,8 @@ const WHEELS_ERR_RAD_PER_M: f64 = 0.05;
 const LEAST_PROVEN: f64 = 0.1;
 /// Wheels that report less than this share of the motion that was last seen may be stuck.
 const STUCK_SHARE: f64 = 0.1;
+/// A gyro reports more than this of a robot that stands, radians: what reports less does not see that wheels are stuck.
+const STILL_RAD: f64 = 1e-6;
 /// Who is not reported to move for longer than this stands, seconds: wheels that were stuck for a while are felt to be.
 const LONGEST_STUCK_S: f64 = 30.0;
 /// Slower than this the robot stands, m/s.
@@ -170,10 +172,12 @@ impl UnseenMotion {
             Some(motion) => Drift {
                 sigma_m: share_m * WHEELS_ERR * blind.hidden_m(&motion, heading_rad)
                     + if is_stuck { blind.hidden_m(&went_on, heading_rad) } else { 0.0 },
-                sigma_rad: if is_dark {
-                    share_rad * (WHEELS_TURN_ERR * step.matched.theta.abs() + WHEELS_ERR_RAD_PER_M * motion.norm())
-                } else {
+                sigma_rad: if !is_dark {
                     0.0
+                } else if is_stuck && step.measured.is_some_and(|motion| motion.theta.abs() < STILL_RAD) {
+                    USUAL_RAD_S * dt_s.min(LONGEST_STUCK_S)
+                } else {
+                    share_rad * (WHEELS_TURN_ERR * step.matched.theta.abs() + WHEELS_ERR_RAD_PER_M * motion.norm())
                 },
             },
             None => Drift {
@@ -359,6 +363,15 @@ mod tests {
         assert!((1.5..2.5).contains(&stuck.sigma_m), "{stuck:?}");
         let none = drift_over_two_metres(&corridor, start, None);
         assert!(none.sigma_m > 0.8, "{none:?}");
+    }
+
+    #[test]
+    fn in_the_dark_stuck_encoders_hide_turns_unless_a_gyro_reports_them() {
+        let turned = |theta: f64| {
+            drift_over_two_metres(&Walls::default(), Pose2::IDENTITY, Some(Pose2::new(0.0, 0.0, theta))).sigma_rad
+        };
+        let (stuck_rad, with_gyro_rad) = (turned(0.0), turned(1e-4));
+        assert!((stuck_rad - 4.0 * USUAL_RAD_S).abs() < 1e-9 && with_gyro_rad < 0.01, "{stuck_rad} {with_gyro_rad}");
     }
 
     /// It drove at 0.5 m/s, and then nothing came for 200 s; since then the wheels report nothing.
