@@ -8,7 +8,7 @@ use super::uncertainty::Uncertainty;
 use super::{ClosureLoad, ClosureReport, Verdict};
 use crate::compact_scan::CompactScan;
 use crate::geometry::Pose2;
-use crate::key_scan::{Interruption, KeyScan};
+use crate::key_scan::{Drift, Interruption, KeyScan};
 use crate::pose_graph::PoseGraph;
 use crate::surface::{SurfaceScan, Thinning};
 use rayon::prelude::*;
@@ -220,14 +220,15 @@ impl PlaceGraph {
         // submap lies on known ground, it shows where its last key scan was taken.
         let mut is_known = self.hypotheses[0].newest_is_tied();
         let ended = self.submaps[self.taken..].iter().filter_map(|submap| submap.link.as_ref());
-        let mut since = Uncertainty::of(self.builder.covariance());
-        let mut drift = *self.builder.drift();
-        for link in ended.chain(self.builder.link()) {
+        let ways = ended.chain(self.builder.link()).map(|link| (&link.covariance, &link.drift, link.drift_after));
+        let within_the_newest = (self.builder.covariance(), self.builder.drift(), Drift::default());
+        let (mut since, mut drift) = (Uncertainty::default(), Drift::default());
+        for (covariance, all, after) in ways.chain([within_the_newest]) {
             if std::mem::take(&mut is_known) {
-                drift.add(&link.drift_after);
+                drift.add(&after);
             } else {
-                since = since.and(&Uncertainty::of(&link.covariance));
-                drift.add(&link.drift);
+                since = since.and(&Uncertainty::of(covariance));
+                drift.add(all);
             }
         }
         let stated = newest.and(&since).after(&drift);

@@ -413,6 +413,26 @@ fn what_is_not_known_of_the_step_into_a_submap_is_stated_at_once() {
     assert!(steps_from_known_ground > 0);
 }
 
+/// The last submap of a drive that ends on known ground lies there as a whole, its last key scan, too.
+#[test]
+fn where_a_drive_ends_on_known_ground_its_end_is_known() {
+    let (walls, truth) = ring();
+    let mut key_scans = key_scans(&walls, &truth, &truth);
+    let last = key_scans.len() - 1;
+    key_scans[last - 2].drift = Drift { sigma_m: 5.0, sigma_rad: 1.0 };
+    let mut closer = Closer::new(&LoopClosureConfig::default());
+    for key_scan in &key_scans {
+        closer.places.add(key_scan.clone(), poses_since(&key_scans, key_scan.frame));
+        while closer.work() {}
+    }
+    assert!(closer.places.uncertainty().sigma_m > 4.99, "{:?}", closer.places.uncertainty());
+    let Closer { mut places, back_end } = closer;
+    back_end.finish(&mut places, &StopSignal::default());
+    assert!(places.hypotheses[0].newest_is_tied());
+    let at_end = places.uncertainties(key_scans.len())[last];
+    assert!(at_end.sigma_m < 0.2 && at_end.sigma_rad < 0.05, "{at_end:?}");
+}
+
 /// What a hypothesis of a drive there and back makes of its last submap when that was compared with the first one.
 /// `compare` says what was found, given where the newer one lies on the older.
 fn accounts_of(compare: impl Fn([usize; 2], Pose2) -> Vec<Comparison>) -> Vec<Hypothesis> {
