@@ -23,7 +23,7 @@ pub struct Frame {
 }
 
 /// A scan's points in the body's frame, filtered by range and (where asked for) de-skewed
-/// to the body's pose at the scan's stamp.
+/// to the body's pose at the scan's stamp, or with the times that this takes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct BodyScan {
     /// Where the LiDAR is in the body's frame, metres.

@@ -133,7 +133,7 @@ impl Slam {
         let window: Vec<_> =
             scans[scans.len() - state.window_scans()..].iter().map(|scan| scan.points.clone()).collect();
         let filter = ParticleFilter::resume(config, state, &window, settled, &session.poses_since(settled));
-        let mut slam = Self { front_end: FrontEnd::RaoBlackwellized(filter), session, settled, ..fresh };
+        let mut slam = Self { front_end: FrontEnd::RaoBlackwellized(Box::new(filter)), session, settled, ..fresh };
         slam.session.reopen();
         Ok(slam)
     }
@@ -381,7 +381,8 @@ fn remember(
 
 pub(crate) fn check(frame: &Frame) -> Result<(), SlamError> {
     let points = &frame.scan.hits;
-    let scan_is_finite = points.x_m.iter().chain(&points.y_m).all(|coordinate| coordinate.is_finite());
+    let times_s = frame.scan.skew.iter().flat_map(|skew| skew.hits_s.iter().chain(&skew.free_ends_s));
+    let scan_is_finite = points.x_m.iter().chain(&points.y_m).chain(times_s).all(|number| number.is_finite());
     if !scan_is_finite || frame.motion.is_some_and(|motion| !motion.is_finite()) {
         return Err(SlamError::NotFinite { index: frame.index, stamp_s: frame.stamp_s });
     }

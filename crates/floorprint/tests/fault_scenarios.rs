@@ -59,6 +59,19 @@ fn without_odometry_scans_tell_how_the_robot_moves_while_the_lidar_sweeps() {
     }
 }
 
+/// It is put a metre ahead, so that one scan shows it to be as fast as no robot is.
+#[test]
+fn without_odometry_a_jump_that_is_not_believed_bends_no_scan() {
+    let mut simulation = quick();
+    simulation.robot.lidar.sweep_duration_s = 0.1;
+    simulation.faults = vec![Fault::Kidnapping { at_s: 25.0, ahead_m: 1.0 }];
+    for seed in [5, 16] {
+        let settings = "robot.lidar.sweep_duration_s = 0.1\nodometry.source = \"scan_matching\"";
+        let outcome = solve_as("rooms", seed, simulation.clone(), settings);
+        assert!(outcome.error.translation_m.max < 0.1, "rooms {seed}: {outcome}");
+    }
+}
+
 #[test]
 fn spinning_wheels_do_not_move_the_robot() {
     in_every_drive(&[Fault::WheelSlip { from_s: 20.0, for_s: 5.0, share: 1.0 }], |outcome, drive| {

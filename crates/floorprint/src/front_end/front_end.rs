@@ -14,11 +14,11 @@ use crate::surface::Thinning;
 #[derive(Debug)]
 pub enum FrontEnd {
     /// The report's: many poses, one occupancy grid.
-    SharedMap(SharedMapFilter),
+    SharedMap(Box<SharedMapFilter>),
     /// A map of surfaces for every particle.
-    RaoBlackwellized(ParticleFilter),
+    RaoBlackwellized(Box<ParticleFilter>),
     /// That of Grisetti et al. 2007.
-    Grisetti2007(GrisettiFilter),
+    Grisetti2007(Box<GrisettiFilter>),
 }
 
 impl FrontEnd {
@@ -26,9 +26,9 @@ impl FrontEnd {
     #[must_use]
     pub fn new(config: &Config) -> Self {
         match config.filter.kind {
-            FilterKind::SharedMap => Self::SharedMap(SharedMapFilter::new(config)),
-            FilterKind::RaoBlackwellized => Self::RaoBlackwellized(ParticleFilter::new(config)),
-            FilterKind::Grisetti2007 => Self::Grisetti2007(GrisettiFilter::new(config)),
+            FilterKind::SharedMap => Self::SharedMap(Box::new(SharedMapFilter::new(config))),
+            FilterKind::RaoBlackwellized => Self::RaoBlackwellized(Box::new(ParticleFilter::new(config))),
+            FilterKind::Grisetti2007 => Self::Grisetti2007(Box::new(GrisettiFilter::new(config))),
         }
     }
 

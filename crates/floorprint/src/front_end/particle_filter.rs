@@ -19,7 +19,7 @@ use crate::key_scan::{Interruption, KeyScan};
 use crate::motion_model::MotionConfig;
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
-use crate::scan_matcher::{MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH};
+use crate::scan_matcher::{Location, MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH};
 use crate::sensors::StampedPose;
 use crate::surface::{SurfaceScan, Thinning};
 use nalgebra::{Matrix3, Vector3};
@@ -96,6 +96,7 @@ impl FrontEndState {
     pub fn interrupted(mut self) -> Self {
         self.window.clear();
         self.unconfirmed.clear();
+        self.velocity.forget();
         self.is_interrupted = true;
         self
     }
@@ -155,21 +156,28 @@ impl ParticleFilter {
     fn prepare(&mut self, frame: &Frame) -> PreparedScan {
         let (scan, thinning) = (&frame.scan, self.thinning());
         let Some(skew) = &scan.skew else { return PreparedScan::of(scan, &thinning) };
-        let going_on = SurfaceScan::new(&self.velocity.undone_in(scan), &thinning);
-        let mut particle = self.best_particle().clone();
+        let gone_on = PreparedScan::of(&self.velocity.undone_in(scan), &thinning);
         let mut pace = self.pace;
         let steps = pace.steps(frame.elapsed_s).max(1.0);
-        let prediction = particle.predict(None, steps, &self.odometry, &self.motion);
-        let fit = particle.match_scan(&prediction, &going_on, &self.matcher);
-        if fit.is_some_and(|fit| self.is_clear(&fit, going_on.len())) {
-            self.velocity.expect(&particle.pose, skew, frame.elapsed_s, pace.usual_s());
+        let motion = frame.motion.as_ref().map(|measured| self.odometry.correct(measured));
+        let best = self.best_particle();
+        let prediction = best.predict(motion.as_ref(), steps, &self.odometry, &self.motion);
+        let Some(Location { fit, .. }) = best.locate(&prediction, &gone_on.surfaces, &self.matcher) else {
+            return gone_on;
+        };
+        let before = self.velocity;
+        if self.is_clear(&fit, gone_on.surfaces.len()) {
+            self.velocity.expect(&fit.belief.pose, skew, frame.elapsed_s, pace.usual_s());
+        }
+        if self.velocity.undoes_as_much_as(&before, skew) {
+            return gone_on;
         }
         PreparedScan::of(&self.velocity.undone_in(scan), &thinning)
     }
 
     /// Whether a scan of so many points shows the motion beyond doubt.
-    fn is_clear(&self, fit: &Fit, points: usize) -> bool {
-        points >= POINTS_TO_SEARCH && fit.result.inlier_share >= self.matcher.search_below_inlier_share
+    fn is_clear(&self, fit: &MatchResult, points: usize) -> bool {
+        points >= POINTS_TO_SEARCH && fit.inlier_share >= self.matcher.search_below_inlier_share
     }
 
     /// The same of a frame whose scan was prepared ahead; none may be whose motion is [not undone](BodyScan::skew).
@@ -217,7 +225,7 @@ impl ParticleFilter {
             self.unseen.observe(&step, fit, &scan, map.surfaces(), &self.matcher);
         }
         let pose = self.particles[best].pose;
-        if begins || matches!(sighting, Sighting::Lost { .. }) || self.unseen.is_in_the_dark() {
+        if begins || !is_believed || self.unseen.is_in_the_dark() {
             self.velocity.forget();
         } else {
             self.velocity.observe(&pose, frame.scan.skew.as_ref(), frame.elapsed_s, self.pace.usual_s());
@@ -351,7 +359,7 @@ impl ParticleFilter {
         let (last_motion, heading_rad) = (*last_motion, pose.theta - last_motion.theta);
         let sigmas: [f64; 2] = self.motion.sigmas(measured).into();
         let is_confirmed = fit.odometry == OdometryVerdict::Confirmed;
-        let is_clear = self.is_clear(fit, points);
+        let is_clear = self.is_clear(&fit.result, points);
         let scan = &fit.result.scan_information;
         self.odometry.learn(measured, &last_motion, heading_rad, sigmas[0], scan, is_confirmed);
         if is_clear {
@@ -491,12 +499,13 @@ impl ParticleFilter {
     /// Takes it that the next scan may have been taken anywhere: the robot was switched off, or another one drives on.
     /// What it learnt of the odometry stays.
     pub fn interrupt(&mut self) {
+        self.velocity.forget();
         self.is_interrupted = true;
     }
 
     /// The same of a robot that is said to be at `odom_from_body`: there its new map begins.
     pub fn interrupt_at(&mut self, odom_from_body: &Pose2) {
-        self.is_interrupted = true;
+        self.interrupt();
         for particle in &mut self.particles {
             (particle.pose, particle.going) = (*odom_from_body, Pose2::IDENTITY);
         }
@@ -560,6 +569,22 @@ mod tests {
     fn largest_error_m(filter: &ParticleFilter, truth: &[Pose2]) -> f64 {
         let error = |(truth_here, pose): (&Pose2, &Pose2)| truth[0].between(truth_here).between(pose).distance();
         truth.iter().zip(&filter.poses_since(0)).map(error).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn who_is_interrupted_does_not_go_on_as_before() {
+        let truth = laps(1);
+        let driven = || {
+            let mut filter = ParticleFilter::new(&config(1));
+            drive(&mut filter, &truth[..10]);
+            assert_ne!(filter.velocity, SeenVelocity::default());
+            filter
+        };
+        let (mut interrupted, mut moved) = (driven(), driven());
+        interrupted.interrupt();
+        moved.interrupt_at(&Pose2::IDENTITY);
+        assert_eq!([interrupted.velocity, moved.velocity], [SeenVelocity::default(); 2]);
+        assert_eq!(driven().state().interrupted().velocity, SeenVelocity::default());
     }
 
     #[test]

@@ -31,6 +31,10 @@ struct Middle {
 /// twice.
 const LEAST_PACES: f64 = 0.75;
 
+/// What moves points by less than this makes no difference, metres and radians.
+const LITTLE_M: f64 = 1e-3;
+const LITTLE_RAD: f64 = 2e-4;
+
 impl SeenVelocity {
     /// The scan as a body would have seen it that stood still.
     pub(super) fn undone_in(&self, scan: &BodyScan) -> BodyScan {
@@ -43,7 +47,7 @@ impl SeenVelocity {
         let after_stamp_s = skew.map_or(0.0, middle_s);
         let moved = Pose2::exp(self.twist.map(|speed| speed * after_stamp_s));
         let middle = Middle { odom_from_body: odom_from_body.compose(&moved), after_stamp_s };
-        let Some(last) = &mut self.last else {
+        let Some(last) = self.last.as_mut().filter(|_| elapsed_s > 0.0) else {
             self.last = Some(middle);
             return;
         };
@@ -60,6 +64,13 @@ impl SeenVelocity {
         let last = self.last;
         self.observe(odom_from_body, Some(skew), elapsed_s, usual_s);
         self.last = last;
+    }
+
+    /// Whether it makes no difference to a scan which of both it is undone with.
+    pub(super) fn undoes_as_much_as(&self, other: &Self, skew: &Skew) -> bool {
+        let longest_s = f64::from(skew.hits_s.iter().copied().map(f32::abs).fold(0.0, f32::max));
+        let [ahead, left, turn] = [0, 1, 2].map(|axis| longest_s * (self.twist[axis] - other.twist[axis]));
+        ahead.hypot(left) < LITTLE_M && turn.abs() < LITTLE_RAD
     }
 
     /// The next scan may be from anywhere: how the body moves is not known any more.
@@ -105,6 +116,10 @@ mod tests {
             for (found, truth) in velocity.twist.iter().zip(truth) {
                 prop_assert!((found - truth).abs() < 1e-9, "{found} and {truth}");
             }
+            // Nor do scans at one time, or at an earlier one, of which it is not known how far they lie apart.
+            let mut confused = velocity;
+            confused.observe(&Pose2::new(5.0, 0.0, 0.0), Some(&skew), 0.0, 0.1);
+            prop_assert_eq!(confused.twist, velocity.twist);
             // A scan that comes twice says nothing of it, nor does it spoil what the next one says.
             let before = velocity;
             velocity.observe(&matched(&velocity, 0.1).compose(&Pose2::new(0.01, 0.0, 0.0)), Some(&skew), 0.001, 0.1);

@@ -136,27 +136,13 @@ impl Tracker {
         scan: &SurfaceScan,
         matcher: &MatcherConfig,
     ) -> Option<Fit> {
-        let Prediction { prior, proven, continued, step, is_measured, steps } = prediction;
+        let Prediction { prior, step, is_measured, steps, .. } = prediction;
         self.unconfirmed.push(*step);
-        if self.map.surfaces().is_empty() {
+        let Some(Location { fit: result, odometry, explained_share, is_unearned }) =
+            self.locate(prediction, scan, matcher)
+        else {
             (self.pose, self.last_motion, self.going) = (prior.pose, *step, in_a_step(step, *steps));
             return None;
-        }
-        let goes_on = continued.sigmas_to(&prior.pose) <= GOING_ON_SIGMAS;
-        let sparse_points = SPARSE_SHARE * matcher.max_points as f64;
-        let is_sparse =
-            (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
-        let Location { fit: result, odometry, explained_share, is_unearned } = match proven.filter(|_| is_sparse) {
-            Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
-            None => {
-                let seen_before = |pose: &Pose2| self.map.had_in_view(pose, scan);
-                // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
-                let tells_motion = *is_measured && !is_gap(*steps);
-                let seen_before = tells_motion.then_some(&seen_before as &dyn Fn(&Pose2) -> SurfaceScan);
-                let may_have_turned_round = !tells_motion || self.was_contradicted;
-                let expected = Expectation { prior, continued, seen_before, may_have_turned_round };
-                locate(self.map.surfaces(), scan, &expected, matcher)
-            }
         };
         self.was_contradicted = odometry != OdometryVerdict::Confirmed;
         self.last_motion = self.pose.between(&result.belief.pose);
@@ -167,6 +153,35 @@ impl Tracker {
             self.going = times(&self.going, UNSEEN_GOES_ON);
         }
         Some(Fit { result, explained_share, prior: *prior, odometry, is_unearned })
+    }
+
+    /// Where the scan fits the map; nothing as long as there is none.
+    pub(super) fn locate(
+        &self,
+        prediction: &Prediction,
+        scan: &SurfaceScan,
+        matcher: &MatcherConfig,
+    ) -> Option<Location> {
+        let Prediction { prior, proven, continued, is_measured, steps, .. } = prediction;
+        if self.map.surfaces().is_empty() {
+            return None;
+        }
+        let goes_on = continued.sigmas_to(&prior.pose) <= GOING_ON_SIGMAS;
+        let sparse_points = SPARSE_SHARE * matcher.max_points as f64;
+        let is_sparse =
+            (scan.len() as f64) < if goes_on { sparse_points } else { sparse_points.min(POINTS_TO_SEARCH as f64) };
+        Some(match proven.filter(|_| is_sparse) {
+            Some(proven) => follow(self.map.surfaces(), scan, &proven, matcher),
+            None => {
+                let seen_before = |pose: &Pose2| self.map.had_in_view(pose, scan);
+                // Where nothing tells the motion, or not all of it, new things may be known ones seen from elsewhere.
+                let tells_motion = *is_measured && !is_gap(*steps);
+                let seen_before = tells_motion.then_some(&seen_before as &dyn Fn(&Pose2) -> SurfaceScan);
+                let may_have_turned_round = !tells_motion || self.was_contradicted;
+                let expected = Expectation { prior, continued, seen_before, may_have_turned_round };
+                locate(self.map.surfaces(), scan, &expected, matcher)
+            }
+        })
     }
 
     /// The scans up to here are where they were matched.

@@ -66,6 +66,9 @@ impl SweepMotion {
 /// and to the left, radians a second.
 pub(crate) fn deskewed(mut scan: BodyScan, twist: [f64; 3]) -> BodyScan {
     let Some(Skew { hits_s, free_ends_s }) = scan.skew.take() else { return scan };
+    if hits_s.is_empty() && free_ends_s.is_empty() {
+        return scan;
+    }
     let times_s = hits_s.iter().chain(&free_ends_s).copied();
     let sweep_s = [times_s.clone().fold(f32::MAX, f32::min), times_s.fold(f32::MIN, f32::max)].map(f64::from);
     if let Some(motion) = SweepMotion::new(|offset_s| Pose2::exp(twist.map(|speed| speed * offset_s)), sweep_s) {

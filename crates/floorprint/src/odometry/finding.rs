@@ -71,6 +71,13 @@ pub enum Finding {
         /// Of how many in a scan.
         rays: usize,
     },
+    /// Rays that are said to have been taken over a longer time than a LiDAR has for a scan.
+    LongSweep {
+        /// How long the sweep is said to take, or to be off its stamp, seconds.
+        sweep_s: f64,
+        /// How long it is from one scan to the next, seconds.
+        interval_s: f64,
+    },
     /// Steps of the odometry that no robot can make.
     Jumps {
         /// How many.
@@ -135,6 +142,11 @@ impl fmt::Display for Finding {
             Self::SteepRays { steep, rays } => {
                 write!(formatter, "rays of a scan that are too steep to see walls and are not used: {steep} of {rays}")
             }
+            Self::LongSweep { sweep_s, interval_s } => write!(
+                formatter,
+                "the rays of a scan are said to be taken over {sweep_s:.3} s, but scans come every {interval_s:.3} s: these times are not \
+                 used; check the driver's time_increment or robot.lidar.sweep_duration_s"
+            ),
             Self::Jumps { count, largest_m } => write!(
                 formatter,
                 "jumps of the odometry faster than any robot, which were not believed: {count}; the largest {largest_m:.0} m"

@@ -29,13 +29,40 @@ pub(super) struct Projections {
     robot: RobotConfig,
     config: ScanConfig,
     kept: Vec<(SensorId, ScanProjection)>,
-    noises: Vec<(SensorId, RangeNoise)>,
+    learnt: Vec<(SensorId, Learnt)>,
+    /// The longest sweep whose times are not used because scans come faster than that, and how fast, seconds.
+    too_long_s: Option<[f64; 2]>,
+}
+
+/// What is learnt of a LiDAR from its scans.
+#[derive(Debug, Default)]
+struct Learnt {
+    noise: RangeNoise,
+    last_stamp_s: Option<f64>,
+    /// The usual time from one scan to the next, seconds.
+    usual_s: Option<f64>,
+}
+
+/// Share of the newest interval in the usual one, and how much longer than that it may count.
+const NEWEST: f64 = 0.1;
+const LONGEST: f64 = 4.0;
+/// A sweep that takes so many times as long as from one scan to the next is none.
+const LONGEST_SWEEP: f64 = 1.5;
+
+impl Learnt {
+    fn note_stamp(&mut self, stamp_s: f64) {
+        let elapsed_s = self.last_stamp_s.replace(stamp_s).map_or(0.0, |last_s| stamp_s - last_s);
+        if elapsed_s > 0.0 {
+            let usual_s = self.usual_s.unwrap_or(elapsed_s);
+            self.usual_s = Some(usual_s + NEWEST * (elapsed_s.min(LONGEST * usual_s) - usual_s));
+        }
+    }
 }
 
 impl Projections {
     /// No tables yet.
     pub(super) fn new(robot: &RobotConfig, config: &ScanConfig) -> Self {
-        Self { robot: robot.clone(), config: config.clone(), kept: Vec::new(), noises: Vec::new() }
+        Self { robot: robot.clone(), config: config.clone(), kept: Vec::new(), learnt: Vec::new(), too_long_s: None }
     }
 
     /// The tables for a scan.
@@ -54,24 +81,46 @@ impl Projections {
         &self.kept[index].1
     }
 
+    fn learnt(&mut self, sensor: SensorId) -> &mut Learnt {
+        let index = self.learnt.iter().position(|(other, _)| *other == sensor).unwrap_or_else(|| {
+            self.learnt.push((sensor, Learnt::default()));
+            self.learnt.len() - 1
+        });
+        &mut self.learnt[index].1
+    }
+
     /// Learns from a scan how noisy its LiDAR is: the standard deviation of the ranges, metres.
     pub(super) fn learn_noise_m(&mut self, scan: &Scan) -> f32 {
         let shown_m = self.of(scan).shown_noise_m(scan);
-        let index = self.noises.iter().position(|(sensor, _)| *sensor == scan.sensor).unwrap_or_else(|| {
-            self.noises.push((scan.sensor, RangeNoise::default()));
-            self.noises.len() - 1
-        });
-        let noise = &mut self.noises[index].1;
-        noise.learn(shown_m);
-        noise.sigma_m()
+        let learnt = self.learnt(scan.sensor);
+        learnt.note_stamp(scan.stamp_s);
+        learnt.noise.learn(shown_m);
+        learnt.noise.sigma_m()
+    }
+
+    /// When the points of a projected scan were seen; `None` when the rays' times are unknown, are not to be used or cannot
+    /// be: a sweep that takes longer than until the next scan.
+    pub(super) fn skew(&mut self, scan: &Scan) -> Option<Skew> {
+        let [first_s, last_s] = self.of(scan).sweep_s()?;
+        if let Some(usual_s) = self.learnt(scan.sensor).usual_s {
+            let longest_s = [last_s - first_s, first_s.abs(), last_s.abs()].into_iter().fold(0.0, f64::max);
+            if longest_s > LONGEST_SWEEP * usual_s {
+                let is_news = self.too_long_s.is_none_or(|[known_s, _]| longest_s > known_s);
+                self.too_long_s = if is_news { Some([longest_s, usual_s]) } else { self.too_long_s };
+                return None;
+            }
+        }
+        Some(self.of(scan).skew(scan))
     }
 
     /// What the user should know of rays that cannot be used.
     pub(super) fn findings(&self) -> impl Iterator<Item = Finding> + '_ {
-        self.kept.iter().filter_map(|(_, projection)| {
+        let steep_rays = self.kept.iter().filter_map(|(_, projection)| {
             let steep = projection.reach_m.iter().filter(|&&reach_m| reach_m == 0.0).count();
             (steep > 0).then_some(Finding::SteepRays { steep, rays: projection.reach_m.len() })
-        })
+        });
+        let long_sweep = self.too_long_s.map(|[sweep_s, interval_s]| Finding::LongSweep { sweep_s, interval_s });
+        steep_rays.chain(long_sweep)
     }
 }
 
@@ -168,12 +217,11 @@ impl ScanProjection {
         BodyScan { origin_m: self.origin_m.map(f64::from), hits, free_ends, ..BodyScan::default() }
     }
 
-    /// When the points of a projected scan were seen; `None` when the rays' times are unknown or are not to be used.
-    pub(super) fn skew(&self, scan: &Scan) -> Option<Skew> {
-        self.sweep_s?;
+    /// When the points of a projected scan were seen.
+    fn skew(&self, scan: &Scan) -> Skew {
         let free_ends_s =
             if self.clear_m > 0.0 { self.times_s(&self.free_lengths_m(scan), is_free) } else { Vec::new() };
-        Some(Skew { hits_s: self.times_s(&scan.ranges_m, self.is_hit()), free_ends_s })
+        Skew { hits_s: self.times_s(&scan.ranges_m, self.is_hit()), free_ends_s }
     }
 
     /// Whether a ray of a length ended on something within its reach, metres.

@@ -467,10 +467,11 @@ impl Synchronizer {
     /// The scan's points in the body's frame.
     fn project(&mut self, scan: &Scan, motion: Motion) -> BodyScan {
         let range_noise_m = self.projections.learn_noise_m(scan);
-        let projection = self.projections.of(scan);
         let Motion::Known(known_s) = motion else {
-            return BodyScan { range_noise_m, skew: projection.skew(scan), ..projection.project(scan, None) };
+            let skew = self.projections.skew(scan);
+            return BodyScan { range_noise_m, skew, ..self.projections.of(scan).project(scan, None) };
         };
+        let projection = self.projections.of(scan);
         let path = self.sources.path();
         let body_at = |offset_s: f64| path.pose_at_known(scan.stamp_s + offset_s, known_s);
         let sweep = projection.sweep_s().and_then(|sweep_s| SweepMotion::new(body_at, sweep_s));

@@ -99,6 +99,7 @@ impl Slam {
 mod tests {
     use super::*;
     use crate::config::Config;
+    use crate::frame::Skew;
     use crate::geometry::Pose2;
     use crate::profiler::NoProfiler;
     use crate::scan_matcher::synthetic::{Walls, frame, poses_along};
@@ -119,11 +120,20 @@ mod tests {
         frames
     }
 
+    /// The same frame with points that were seen one after the other, over the time from scan to scan.
+    fn without_odometry(mut frame: Frame) -> Frame {
+        let hits = frame.scan.hits.len();
+        let hits_s = (0..hits).map(|hit| 0.1 * hit as f32 / hits as f32 - 0.05).collect();
+        frame.scan.skew = Some(Skew { hits_s, free_ends_s: vec![0.0; frame.scan.free_ends.len()] });
+        Frame { motion: None, ..frame }
+    }
+
     #[test]
     fn side_by_side_and_one_after_the_other_are_the_same() {
-        for particles in [1, 3] {
+        for (particles, has_odometry) in [(1, true), (3, true), (1, false), (3, false)] {
             let mut config = Config::default();
             config.filter.particles = particles;
+            let frames = || if has_odometry { frames() } else { frames().into_iter().map(without_odometry).collect() };
             let (mut one_by_one, mut side_by_side) = (Slam::new(&config), Slam::new(&config));
             let expected: Vec<_> = frames().iter().map(|frame| one_by_one.process(frame)).collect();
             let (mut frames, mut reports) = (frames().into_iter(), Vec::new());

@@ -312,6 +312,27 @@ fn without_odometry_points_come_with_the_times_to_undo_the_motion_by() {
     assert_eq!(frames(&config)[0].scan.skew, None);
 }
 
+/// As from a driver that states milliseconds for seconds.
+#[test]
+fn sweeps_that_take_longer_than_until_the_next_scan_are_not_undone_and_told() {
+    let mut config = config();
+    config.odometry.source = OdometrySource::ScanMatching;
+    let usual_s = config.robot.lidar.sweep_duration_s;
+    let solved = |sweep_duration_s: f64| {
+        let mut config = config.clone();
+        config.robot.lidar.sweep_duration_s = sweep_duration_s;
+        let mut synchronizer = Synchronizer::new(&config, None).unwrap();
+        let scans = (0..20).map(|k| scan(1.0 + 0.1 * f64::from(k)));
+        let mut frames: Vec<Frame> = scans.flat_map(|scan| synchronizer.push(scan).unwrap()).collect();
+        frames.extend(synchronizer.finish().unwrap());
+        let is_told =
+            synchronizer.summary().findings.iter().any(|finding| matches!(finding, Finding::LongSweep { .. }));
+        (frames.last().unwrap().scan.skew.is_some(), is_told)
+    };
+    assert_eq!(solved(usual_s), (true, false));
+    assert_eq!(solved(1000.0 * usual_s), (false, true));
+}
+
 #[test]
 fn encoders_without_calibration_and_odometry_that_never_came_are_errors() {
     let mut records: Vec<Record> = (0..100).map(|k| ticks(f64::from(k) * 0.02, 0.0, 0.0)).collect();
