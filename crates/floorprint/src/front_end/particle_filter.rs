@@ -170,6 +170,7 @@ impl ParticleFilter {
             self.velocity.expect(&fit.belief.pose, skew, frame.elapsed_s, pace.usual_s());
         }
         if self.velocity.undoes_as_much_as(&before, skew) {
+            self.velocity = before;
             return gone_on;
         }
         PreparedScan::of(&self.velocity.undone_in(scan), &thinning)
@@ -180,7 +181,7 @@ impl ParticleFilter {
         points >= POINTS_TO_SEARCH && fit.inlier_share >= self.matcher.search_below_inlier_share
     }
 
-    /// The same of a frame whose scan was prepared ahead; none may be whose motion is [not undone](BodyScan::skew).
+    /// The same of a frame whose scan was prepared ahead; none may be whose motion is [not undone](crate::BodyScan::skew).
     pub fn process_prepared(
         &mut self,
         frame: &Frame,
