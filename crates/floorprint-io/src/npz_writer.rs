@@ -41,53 +41,44 @@ pub(crate) struct NpzWriter {
 /// up writes its directory all the same, and would say on stderr that it cannot.
 struct UntilFailure<W> {
     writer: W,
-    /// Where in the file the next byte would lie, bytes, once something failed.
-    failed_at: Option<u64>,
+    /// Where in the file the next byte lies, bytes, or would lie if nothing had failed.
+    at: u64,
+    has_failed: bool,
 }
 
 impl<W: Write + Seek> UntilFailure<W> {
     fn new(writer: W) -> Self {
-        Self { writer, failed_at: None }
+        Self { writer, at: 0, has_failed: false }
     }
 
     /// Passes a result on, and remembers a failure.
     fn noted<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
-        if result.is_err() {
-            self.failed_at = Some(0);
-        }
+        self.has_failed |= result.is_err();
         result
     }
 }
 
 impl<W: Write + Seek> Write for UntilFailure<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if let Some(at) = &mut self.failed_at {
-            *at += bytes.len() as u64;
-            return Ok(bytes.len());
-        }
-        let written = self.writer.write(bytes);
+        let written = if self.has_failed { Ok(bytes.len()) } else { self.writer.write(bytes) };
+        self.at += *written.as_ref().unwrap_or(&0) as u64;
         self.noted(written)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        if self.failed_at.is_some() {
-            return Ok(());
-        }
-        let flushed = self.writer.flush();
+        let flushed = if self.has_failed { Ok(()) } else { self.writer.flush() };
         self.noted(flushed)
     }
 }
 
 impl<W: Write + Seek> Seek for UntilFailure<W> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        if let Some(at) = &mut self.failed_at {
-            *at = match to {
-                SeekFrom::Start(position) => position,
-                SeekFrom::Current(offset) | SeekFrom::End(offset) => at.saturating_add_signed(offset),
-            };
-            return Ok(*at);
-        }
-        let position = self.writer.seek(to);
+        let position = match to {
+            _ if !self.has_failed => self.writer.seek(to),
+            SeekFrom::Start(position) => Ok(position),
+            SeekFrom::Current(offset) | SeekFrom::End(offset) => Ok(self.at.saturating_add_signed(offset)),
+        };
+        self.at = *position.as_ref().unwrap_or(&self.at);
         self.noted(position)
     }
 }
