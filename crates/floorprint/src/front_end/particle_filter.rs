@@ -167,7 +167,7 @@ impl ParticleFilter {
         };
         let before = self.velocity;
         if self.is_clear(&fit, gone_on.surfaces.len()) {
-            self.velocity.expect(&fit.belief.pose, skew, frame.elapsed_s, pace.usual_s());
+            self.velocity.foresee(&fit.belief.pose, skew, frame.elapsed_s, pace.usual_s());
         }
         if self.velocity.undoes_as_much_as(&before, skew) {
             self.velocity = before;

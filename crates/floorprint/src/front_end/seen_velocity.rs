@@ -60,7 +60,7 @@ impl SeenVelocity {
     }
 
     /// The same of a scan that is looked at only to undo it better: it will be observed yet.
-    pub(super) fn expect(&mut self, odom_from_body: &Pose2, skew: &Skew, elapsed_s: f64, usual_s: f64) {
+    pub(super) fn foresee(&mut self, odom_from_body: &Pose2, skew: &Skew, elapsed_s: f64, usual_s: f64) {
         let last = self.last;
         self.observe(odom_from_body, Some(skew), elapsed_s, usual_s);
         self.last = last;
@@ -109,7 +109,7 @@ mod tests {
             for scan in 0..2 {
                 let pose = matched(&velocity, 0.1 * f64::from(scan));
                 let before = velocity;
-                velocity.expect(&pose, &skew, 0.1, 0.1);
+                velocity.foresee(&pose, &skew, 0.1, 0.1);
                 prop_assert_eq!(velocity.last, before.last);
                 velocity.observe(&matched(&velocity, 0.1 * f64::from(scan)), Some(&skew), 0.1, 0.1);
             }
