@@ -20,6 +20,7 @@ pub mod localization;
 pub mod map;
 pub mod motion_model;
 pub mod odometry;
+mod pace;
 pub mod pose_graph;
 pub mod prelude;
 mod profiler;

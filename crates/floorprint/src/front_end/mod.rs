@@ -16,7 +16,6 @@ mod odometry_record;
 mod odometry_scale;
 mod odometry_trust;
 mod odometry_turn;
-mod pace;
 mod particle_filter;
 mod prepared_scan;
 mod report;

@@ -4,7 +4,6 @@
 use super::local_map::LocalMap;
 use super::loss::{LossDetector, Sighting};
 use super::odometry_model::OdometryModel;
-use super::pace::{Pace, is_gap};
 use super::resampler::resample_poses;
 use super::seen_velocity::SeenVelocity;
 use super::tracker::{Fit, Tracker, blunder};
@@ -17,6 +16,7 @@ use crate::frame::Frame;
 use crate::geometry::Pose2;
 use crate::key_scan::{Interruption, KeyScan};
 use crate::motion_model::MotionConfig;
+use crate::pace::{Pace, is_gap};
 use crate::profiler::{Phase, Profiler};
 use crate::random::{Stage, generator};
 use crate::scan_matcher::{Location, MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH};

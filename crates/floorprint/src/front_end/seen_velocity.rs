@@ -38,7 +38,7 @@ const LITTLE_RAD: f64 = 2e-4;
 impl SeenVelocity {
     /// The scan as a body would have seen it that stood still.
     pub(super) fn undone_in(&self, scan: &BodyScan) -> BodyScan {
-        deskewed(scan.clone(), self.twist)
+        deskewed(scan, self.twist)
     }
 
     /// Hears where a scan that was undone was taken, so long after the one before; scans usually come so long after each other

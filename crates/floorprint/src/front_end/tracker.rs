@@ -3,10 +3,10 @@
 use super::genealogy::Trail;
 use super::local_map::LocalMap;
 use super::odometry_model::OdometryModel;
-use super::pace::is_gap;
 use crate::geometry::covariance::{inverse, isotropic};
 use crate::geometry::{Pose2, wrap_angle};
 use crate::motion_model::MotionConfig;
+use crate::pace::is_gap;
 use crate::scan_matcher::{
     Expectation, Location, MatchResult, MatcherConfig, OdometryVerdict, POINTS_TO_SEARCH, PoseBelief, follow, locate,
 };

@@ -64,18 +64,19 @@ impl SweepMotion {
 
 /// A scan as the body would have seen it that stood still, if it moved like this while the LiDAR swept: metres a second ahead
 /// and to the left, radians a second.
-pub(crate) fn deskewed(mut scan: BodyScan, twist: [f64; 3]) -> BodyScan {
-    let Some(Skew { hits_s, free_ends_s }) = scan.skew.take() else { return scan };
+pub(crate) fn deskewed(scan: &BodyScan, twist: [f64; 3]) -> BodyScan {
+    let mut still = BodyScan { hits: scan.hits.clone(), free_ends: scan.free_ends.clone(), skew: None, ..*scan };
+    let Some(Skew { hits_s, free_ends_s }) = &scan.skew else { return still };
     if hits_s.is_empty() && free_ends_s.is_empty() {
-        return scan;
+        return still;
     }
-    let times_s = hits_s.iter().chain(&free_ends_s).copied();
+    let times_s = hits_s.iter().chain(free_ends_s).copied();
     let sweep_s = [times_s.clone().fold(f32::MAX, f32::min), times_s.fold(f32::MIN, f32::max)].map(f64::from);
     if let Some(motion) = SweepMotion::new(|offset_s| Pose2::exp(twist.map(|speed| speed * offset_s)), sweep_s) {
-        motion.to_stamp(&hits_s, &mut scan.hits);
-        motion.to_stamp(&free_ends_s, &mut scan.free_ends);
+        motion.to_stamp(hits_s, &mut still.hits);
+        motion.to_stamp(free_ends_s, &mut still.free_ends);
     }
-    scan
+    still
 }
 
 #[cfg(test)]

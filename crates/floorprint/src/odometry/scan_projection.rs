@@ -10,6 +10,7 @@ use super::finding::Finding;
 use super::range_noise::{RangeBends, RangeNoise};
 use crate::SensorId;
 use crate::frame::{BodyScan, Points, Skew};
+use crate::pace::Pace;
 use crate::sensors::{LidarConfig, Ray, RobotConfig, Scan, ScanGeometry, StampAt};
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -39,23 +40,16 @@ pub(super) struct Projections {
 struct Learnt {
     noise: RangeNoise,
     last_stamp_s: Option<f64>,
-    /// The usual time from one scan to the next, seconds.
-    usual_s: Option<f64>,
+    pace: Pace,
 }
 
-/// Share of the newest interval in the usual one, and how much longer than that it may count.
-const NEWEST: f64 = 0.1;
-const LONGEST: f64 = 4.0;
 /// A sweep that takes so many times as long as from one scan to the next is none.
 const LONGEST_SWEEP: f64 = 1.5;
 
 impl Learnt {
     fn note_stamp(&mut self, stamp_s: f64) {
         let elapsed_s = self.last_stamp_s.replace(stamp_s).map_or(0.0, |last_s| stamp_s - last_s);
-        if elapsed_s > 0.0 {
-            let usual_s = self.usual_s.unwrap_or(elapsed_s);
-            self.usual_s = Some(usual_s + NEWEST * (elapsed_s.min(LONGEST * usual_s) - usual_s));
-        }
+        self.pace.steps(elapsed_s);
     }
 }
 
@@ -102,13 +96,13 @@ impl Projections {
     /// be: a sweep that takes longer than until the next scan.
     pub(super) fn skew(&mut self, scan: &Scan) -> Option<Skew> {
         let [first_s, last_s] = self.of(scan).sweep_s()?;
-        if let Some(usual_s) = self.learnt(scan.sensor).usual_s {
-            let longest_s = [last_s - first_s, first_s.abs(), last_s.abs()].into_iter().fold(0.0, f64::max);
-            if longest_s > LONGEST_SWEEP * usual_s {
-                let is_news = self.too_long_s.is_none_or(|[known_s, _]| longest_s > known_s);
-                self.too_long_s = if is_news { Some([longest_s, usual_s]) } else { self.too_long_s };
-                return None;
+        let usual_s = self.learnt(scan.sensor).pace.usual_s();
+        let longest_s = [last_s - first_s, first_s.abs(), last_s.abs()].into_iter().fold(0.0, f64::max);
+        if usual_s > 0.0 && longest_s > LONGEST_SWEEP * usual_s {
+            if self.too_long_s.is_none_or(|[known_s, _]| longest_s > known_s) {
+                self.too_long_s = Some([longest_s, usual_s]);
             }
+            return None;
         }
         Some(self.of(scan).skew(scan))
     }

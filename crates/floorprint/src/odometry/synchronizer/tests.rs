@@ -304,7 +304,7 @@ fn without_odometry_points_come_with_the_times_to_undo_the_motion_by() {
     assert_eq!((skew.hits_s.len(), skew.free_ends_s.len()), (skewed.hits.len(), skewed.free_ends.len()));
     // The first ray is taken 10 ms before the stamp, from 10 mm behind.
     assert!((skew.hits_s[0] + 0.01).abs() < 1e-6);
-    let still = deskewed(skewed.clone(), [1.0, 0.0, 0.0]);
+    let still = deskewed(&skewed, [1.0, 0.0, 0.0]);
     let ([x, y], [moved_x, moved_y]) = (skewed.hits.iter().next().unwrap(), still.hits.iter().next().unwrap());
     assert!((moved_x - x + 0.01).abs() < 1e-6 && (moved_y - y).abs() < 1e-6);
     assert_eq!(still.skew, None);

@@ -1,10 +1,10 @@
-//! How fast scans usually follow each other on this drive.
+//! How fast scans usually follow each other: those of a drive, or of one LiDAR.
 
 use serde::{Deserialize, Serialize};
 
 /// The usual time from one scan to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub(super) struct Pace {
+pub(crate) struct Pace {
     /// Seconds; 0 as long as nothing is known.
     usual_s: f64,
 }
@@ -16,13 +16,13 @@ const GAP_STEPS: f64 = 4.0;
 
 impl Pace {
     /// The usual time from one scan to the next, seconds; 0 as long as nothing is known.
-    pub(super) fn usual_s(&self) -> f64 {
+    pub(crate) fn usual_s(&self) -> f64 {
         self.usual_s
     }
 
     /// For how many scans of the usual pace the time since the last one would do; learns from it. It is 0 where the
     /// stamps say that no time has passed.
-    pub(super) fn steps(&mut self, elapsed_s: f64) -> f64 {
+    pub(crate) fn steps(&mut self, elapsed_s: f64) -> f64 {
         if elapsed_s <= 0.0 {
             return 0.0;
         }
@@ -37,7 +37,7 @@ impl Pace {
 }
 
 /// Whether scans are missing from a time in which so many would have come.
-pub(super) fn is_gap(steps: f64) -> bool {
+pub(crate) fn is_gap(steps: f64) -> bool {
     steps > GAP_STEPS
 }
 
